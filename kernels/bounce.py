@@ -1,0 +1,92 @@
+"""velocityUpdate: restitution and friction of every contact that pushed in this step.
+
+    normal:     n . v  ->  max(-e n . v_before, 0)
+    tangential: v_t    ->  v_t - v_t/|v_t| min(mu lam / dt (w_i + w_j), |v_t|)
+Source: Mueller et al. 2007, line 16; the formulas from Mueller et al. 2020, Detailed Rigid Body Simulation with
+Extended Position Based Dynamics, section 3.6 (Coulomb's bound from the multiplier; velocities before the solve).
+For two particles this is the exact law of impact, v1' = ((m1 - e m2) v1 + (1 + e) m2 v2) / (m1 + m2).
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from pbd_warp.kernels.precision import Real, Vec3, kernel
+
+
+@kernel
+def count_active(
+    # In:
+    count: wp.array[wp.int32],
+    pair: wp.array[wp.vec2i],
+    lam: wp.array[Real],
+    # Out:
+    share: wp.array[wp.int32],  # [particle_count] contacts that pushed, zero before
+):
+    k = wp.tid()
+    if k < count[0] and lam[k] > Real(0.0):
+        wp.atomic_add(share, pair[k][0], 1)
+        if pair[k][1] >= 0:
+            wp.atomic_add(share, pair[k][1], 1)
+
+
+@kernel
+def bounce(
+    # Model:
+    friction: Real,  # of particles with each other
+    restitution: Real,
+    collider_friction: wp.array[Real],  # [collider_count]
+    collider_restitution: wp.array[Real],
+    resting: Real,  # approach slower than this does not bounce [m/s]
+    # State:
+    x: wp.array[Vec3],
+    v: wp.array[Vec3],
+    w: wp.array[Real],
+    # In:
+    count: wp.array[wp.int32],
+    pair: wp.array[wp.vec2i],
+    normal: wp.array[Vec3],
+    lam: wp.array[Real],
+    v_before: wp.array[Vec3],  # [particle_count] after line 5 [m/s]
+    share: wp.array[wp.int32],  # [particle_count] contacts that pushed
+    dt: Real,
+    # Out:
+    dv: wp.array[Vec3],  # [particle_count] added to [m/s]
+):
+    """Line 16. A particle's mass is split over its contacts, as in the projection, so momentum is kept."""
+    k = wp.tid()
+    if k >= count[0] or lam[k] <= Real(0.0):
+        return
+    i = pair[k][0]
+    j = pair[k][1]
+    mu = friction
+    e = restitution
+    w_i = w[i]
+    w_j = Real(0.0)
+    weight = Real(share[i]) * w_i
+    relative = v[i]
+    before = v_before[i]
+    n = normal[k]
+    if j >= 0:
+        w_j = w[j]
+        weight = weight + Real(share[j]) * w_j
+        relative = relative - v[j]
+        before = before - v_before[j]
+        if wp.dot(n, n) == Real(0.0):
+            n = wp.normalize(x[i] - x[j])
+    else:
+        mu = collider_friction[-1 - j]
+        e = collider_restitution[-1 - j]
+    v_n = wp.dot(n, relative)
+    approach = wp.dot(n, before)
+    if -approach <= resting:
+        e = Real(0.0)
+    impulse = n * (wp.max(-e * approach, Real(0.0)) - v_n)
+    tangential = relative - v_n * n
+    speed = wp.length(tangential)
+    if speed > Real(0.0):
+        impulse = impulse - tangential * (wp.min(mu * lam[k] / dt * (w_i + w_j), speed) / speed)
+    impulse = impulse / weight
+    wp.atomic_add(dv, i, w_i * impulse)
+    if j >= 0:
+        wp.atomic_sub(dv, j, w_j * impulse)

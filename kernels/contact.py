@@ -1,0 +1,175 @@
+"""Contacts between particles: the inequality C(p_i, p_j) = |p_i - p_j| - (r_i + r_j) >= 0.
+
+Source: Mueller et al. 2007, section 3.4 (line 8, x -> p: entry point where the path comes in from outside,
+closest point where it starts inside); accumulated multipliers lam >= 0 (projected Jacobi, as in Tonge et al.
+2012): a contact may take back what it pushed too far, and never pulls.
+
+A contact is one of two, chosen when it is found:
+    round       normal = 0:  C = |(x_i - x_j) + (u_i - u_j)| - (r_i + r_j)
+    half-space  normal = n:  C = n . (u_i - u_j) + gap,   gap = n . (x_i - x_j) - (r_i + r_j)
+Round is the general one. A pair that has passed through each other at the end of the step is no longer in
+contact by distance; for it n, the direction at the entry point, remembers the side it came from.
+A collider (see collider.py) is always a half-space, with j = -1 - collider and w_j = 0.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from pbd_warp.kernels.distance import distance
+from pbd_warp.kernels.precision import Real, Vec3, kernel
+
+
+@kernel
+def sweep_midpoints(
+    # In:
+    x: wp.array[Vec3],  # [particle_count] [m]
+    u: wp.array[Vec3],  # [particle_count] [m]
+    # Out:
+    midpoint: wp.array[Vec3],  # [particle_count] of the path x -> p [m]
+    sweep: wp.array[Real],  # [particle_count] its length [m]
+):
+    i = wp.tid()
+    midpoint[i] = x[i] + Real(0.5) * u[i]
+    sweep[i] = wp.length(u[i])
+
+
+@wp.func
+def joined(start: wp.array[wp.int32], neighbour: wp.array[wp.int32], i: wp.int32, j: wp.int32):
+    """Whether a distance constraint joins i and j (such a pair keeps its own distance)."""
+    found = False
+    if start:
+        for k in range(start[i], start[i + 1]):
+            if neighbour[k] == j:
+                found = True
+    return found
+
+
+@kernel
+def find_contacts(
+    # Model:
+    grid: wp.uint64,  # HashGrid over the midpoints
+    radius: wp.array[Real],  # [particle_count] [m]
+    max_radius: Real,  # [m]
+    margin: Real,  # watched beyond touching, relative to r_i + r_j
+    neighbour_start: wp.array[wp.int32],  # [particle_count + 1], or None: no pair is joined
+    neighbour: wp.array[wp.int32],  # [2 edge_count]
+    # State:
+    x: wp.array[Vec3],
+    w: wp.array[Real],
+    # In:
+    u: wp.array[Vec3],
+    midpoint: wp.array[Vec3],
+    sweep: wp.array[Real],
+    # Out:
+    count: wp.array[wp.int32],  # [1] contacts found, may exceed the capacity
+    pair: wp.array[wp.vec2i],  # [capacity]
+    normal: wp.array[Vec3],  # [capacity]
+    gap: wp.array[Real],  # [capacity] [m]
+    share: wp.array[wp.int32],  # [particle_count]
+):
+    """Line 8: pairs whose paths x -> p come within (1 + margin)(r_i + r_j) of each other, each found once.
+
+    The particle with the longer path looks for the other, so its own path bounds the search:
+    |m_i - m_j| <= |u_i|/2 + |u_j|/2 + r_i + r_j <= |u_i| + r_i + r_j between the midpoints m.
+    One bullet thus widens its own search and nobody else's.
+    """
+    i = wp.hash_grid_point_id(grid, wp.tid())
+    grown = Real(1.0) + margin
+    reach = sweep[i] + grown * (radius[i] + max_radius)
+    for j in wp.hash_grid_query(grid, midpoint[i], reach):
+        looks = sweep[i] > sweep[j] or (sweep[i] == sweep[j] and i < j)
+        rest = radius[i] + radius[j]
+        if looks and rest > Real(0.0) and w[i] + w[j] > Real(0.0):
+            start = x[i] - x[j]
+            move = u[i] - u[j]
+            end = start + move
+            a = wp.dot(move, move)
+            b = wp.dot(start, move)
+            closest = Real(0.0)
+            if a > Real(0.0):
+                closest = wp.clamp(-b / a, Real(0.0), Real(1.0))
+            near = wp.length(start + closest * move) < grown * rest
+            if near and not joined(neighbour_start, neighbour, i, j):
+                n = Vec3()
+                c = wp.dot(start, start) - rest * rest
+                discriminant = b * b - a * c
+                if c >= Real(0.0) and b < Real(0.0) and discriminant > Real(0.0):
+                    # Comes in from outside; the root without cancellation.
+                    entry = c / (wp.sqrt(discriminant) - b)
+                    side = wp.normalize(start + entry * move)
+                    through = wp.dot(end, side) <= Real(0.0) or wp.length(end) >= rest
+                    if entry <= Real(1.0) and through:
+                        n = side
+                if c < Real(0.0) and wp.dot(start, end) <= Real(0.0):
+                    # Starts inside and goes on to the other side.
+                    n = wp.normalize(start)
+                k = wp.atomic_add(count, 0, 1)
+                if k < pair.shape[0]:
+                    pair[k] = wp.vec2i(i, j)
+                    normal[k] = n
+                    gap[k] = wp.dot(n, start) - rest
+                    wp.atomic_add(share, i, 1)
+                    wp.atomic_add(share, j, 1)
+
+
+@kernel
+def note_overflow(
+    # In:
+    count: wp.array[wp.int32],  # [1]
+    capacity: wp.int32,
+    # Out:
+    needed: wp.array[wp.int32],  # [1] most contacts wanted beyond the capacity, 0 if all fitted
+):
+    """A dropped contact is an error: remembers how many there should have been."""
+    if count[0] > capacity:
+        needed[0] = wp.max(needed[0], count[0])
+
+
+@kernel
+def project_contact(
+    # Model:
+    radius: wp.array[Real],
+    # State:
+    x: wp.array[Vec3],
+    w: wp.array[Real],
+    # In:
+    count: wp.array[wp.int32],
+    pair: wp.array[wp.vec2i],
+    normal: wp.array[Vec3],
+    gap: wp.array[Real],
+    u: wp.array[Vec3],
+    share: wp.array[wp.int32],  # or None: masses are not split
+    relaxation: Real,
+    # Out:
+    lam: wp.array[Real],  # [capacity] >= 0 [kg m]
+    correction: wp.array[Vec3],
+):
+    """Line 10 for contacts: dlam = max(-lam, -C / (n_i w_i + n_j w_j))."""
+    k = wp.tid()
+    if k >= count[0]:
+        return
+    i = pair[k][0]
+    j = pair[k][1]
+    w_i = w[i]
+    w_j = Real(0.0)
+    move = u[i]
+    if j >= 0:
+        w_j = w[j]
+        move = move - u[j]
+    weight = w_i + w_j
+    if share:
+        weight = Real(share[i]) * w_i
+        if j >= 0:
+            weight = weight + Real(share[j]) * w_j
+    if weight == Real(0.0):
+        return
+    direction = normal[k]
+    c = wp.dot(direction, move) + gap[k]
+    if wp.dot(direction, direction) == Real(0.0):
+        c, direction = distance((x[i] - x[j]) + move, radius[i] + radius[j])
+    dlam = wp.max(-lam[k], -relaxation * c / weight)
+    lam[k] = lam[k] + dlam
+    wp.atomic_add(correction, i, (w_i * dlam) * direction)
+    if j >= 0:
+        wp.atomic_sub(correction, j, (w_j * dlam) * direction)

@@ -1,0 +1,72 @@
+"""Distance constraint between two particles.
+
+C(p_i, p_j) = |p_i - p_j| - d
+Source: Mueller et al. 2007, Position Based Dynamics, section 3.3, eqs. (10), (11);
+compliance: Macklin et al. 2016, XPBD, eq. (18).
+
+The positions enter as p_i - p_j = (x_i - x_j) + (u_i - u_j): the difference of two stored positions is exact
+to their rounding, so the constraint keeps its accuracy far from the origin.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from pbd_warp.kernels.precision import Real, Vec3, kernel
+
+
+@wp.func
+def distance(d: Any, rest: Any):
+    """C = |d| - rest [m] and its gradient in the first end (the second's is the opposite).
+
+    A pair of zero length has no direction; the x axis stands in, so that it separates instead of making NaN.
+    """
+    length = wp.length(d)
+    zero = type(rest)(0.0)
+    direction = wp.vector(type(rest)(1.0), zero, zero)
+    if length > zero:
+        direction = d / length
+    return length - rest, direction
+
+
+@kernel
+def project_distance(
+    # Model:
+    edge: wp.array[wp.vec2i],  # [edge_count]
+    rest_length: wp.array[Real],  # [edge_count] [m]
+    stiffness: wp.array[Real],  # [edge_count] k' of one iteration, or None: all 1
+    compliance: wp.array[Real],  # [edge_count] compliance / dt^2 [1/kg], or None: all 0
+    # State:
+    x: wp.array[Vec3],  # [particle_count] [m]
+    w: wp.array[Real],  # [particle_count] [1/kg]
+    # In:
+    u: wp.array[Vec3],  # [particle_count] [m]
+    share: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: masses are not split
+    relaxation: Real,
+    # Out:
+    lam: wp.array[Real],  # [edge_count] multiplier [kg m], only with compliance
+    correction: wp.array[Vec3],  # [particle_count] [m], added to
+):
+    """Line 10 for distances: dlam = -(C + a lam) / (n_i w_i + n_j w_j + a), p += w dlam grad C."""
+    k = wp.tid()
+    i = edge[k][0]
+    j = edge[k][1]
+    w_i = w[i]
+    w_j = w[j]
+    weight = w_i + w_j
+    if share:
+        weight = Real(share[i]) * w_i + Real(share[j]) * w_j
+    if weight > Real(0.0):
+        c, direction = distance((x[i] - x[j]) + (u[i] - u[j]), rest_length[k])
+        if stiffness:
+            c = c * stiffness[k]
+        if compliance:
+            c = c + compliance[k] * lam[k]
+            weight = weight + compliance[k]
+        dlam = -relaxation * c / weight
+        if compliance:
+            lam[k] = lam[k] + dlam
+        wp.atomic_add(correction, i, (w_i * dlam) * direction)
+        wp.atomic_sub(correction, j, (w_j * dlam) * direction)

@@ -1,0 +1,48 @@
+"""Point constraint: locks a particle to a coordinate that may move.
+
+C(p_i) = p_i - q (three equations, gradient the identity)
+Source: ours; the vector form of Mueller et al. 2007, section 3.3.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from pbd_warp.kernels.precision import Real, Vec3, kernel
+
+
+@kernel
+def project_point(
+    # Model:
+    particle: wp.array[wp.int32],  # [point_count]
+    target: wp.array[Vec3],  # [point_count] [m]
+    stiffness: wp.array[Real],  # [point_count] k' of one iteration, or None: all 1
+    compliance: wp.array[Real],  # [point_count] compliance / dt^2 [1/kg], or None: all 0
+    # State:
+    x: wp.array[Vec3],  # [particle_count] [m]
+    w: wp.array[Real],  # [particle_count] [1/kg]
+    # In:
+    u: wp.array[Vec3],  # [particle_count] [m]
+    share: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: masses are not split
+    relaxation: Real,
+    # Out:
+    lam: wp.array[Vec3],  # [point_count] multiplier [kg m], only with compliance
+    correction: wp.array[Vec3],  # [particle_count] [m], added to
+):
+    """Line 10 for points: dlam = -(C + a lam) / (n_i w_i + a), p += w dlam."""
+    k = wp.tid()
+    i = particle[k]
+    weight = w[i]
+    if share:
+        weight = Real(share[i]) * weight
+    if weight > Real(0.0):
+        c = (x[i] - target[k]) + u[i]
+        if stiffness:
+            c = c * stiffness[k]
+        if compliance:
+            c = c + compliance[k] * lam[k]
+            weight = weight + compliance[k]
+        dlam = c * (-relaxation / weight)
+        if compliance:
+            lam[k] = lam[k] + dlam
+        wp.atomic_add(correction, i, w[i] * dlam)

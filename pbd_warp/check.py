@@ -1,0 +1,94 @@
+"""Checks of input, shared by everything that takes some. Each raises an InputError that names the thing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pbd_warp.errors import InputError
+
+
+def number(name: str, value: Any, *, low: float = -math.inf, high: float = math.inf, above: float = -math.inf) -> float:
+    """A finite float within [low, high] and > above."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number, not {value!r}") from None
+    if not math.isfinite(result) or not low <= result <= high or result <= above:
+        raise InputError(f"{name} must be {_range(low, high, above)}, not {result:g}")
+    return result
+
+
+def whole(name: str, value: Any, *, low: int) -> int:
+    """An integer of at least `low`."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise InputError(f"{name} must be a whole number, not {value!r}")
+    if value < low:
+        raise InputError(f"{name} must be at least {low}, not {value}")
+    return int(value)
+
+
+def vector(name: str, value: Any) -> np.ndarray:
+    """Three finite floats, shape [3]."""
+    return vectors(name, [value])[0]
+
+
+def vectors(name: str, values: Any) -> np.ndarray:
+    """Finite float64 vectors, shape [n, 3]."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be numbers in threes (x, y, z)") from None
+    if array.size == 0:
+        array = array.reshape(0, 3)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InputError(f"{name} must have shape [n, 3], not {list(array.shape)}")
+    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    if bad.size:
+        raise InputError(f"{name} must be finite, but number {bad[0]} is {_text(array[bad[0]])}")
+    return array
+
+
+def spread(name: str, value: Any, count: int, *, low: float = -math.inf, high: float = math.inf) -> np.ndarray:
+    """`value` (one number, or one for each of `count`) as float64 [count], each finite and in [low, high]."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number or {count} of them, not {value!r}") from None
+    if array.ndim > 1 or (array.ndim == 1 and len(array) != count):
+        raise InputError(f"{name} must be one number or {count} of them, but has shape {list(array.shape)}")
+    array = np.broadcast_to(array, (count,))
+    bad = np.flatnonzero(~np.isfinite(array) | (array < low) | (array > high))
+    if bad.size:
+        where = "" if np.ndim(value) == 0 else f" (number {bad[0]})"
+        raise InputError(f"{name} must be {_range(low, high, -math.inf)}, not {array[bad[0]]:g}{where}")
+    return array.copy()
+
+
+def indices(name: str, values: Any, count: int) -> np.ndarray:
+    """Particle indices as int32, each in 0..count-1."""
+    array = np.asarray(values)
+    if array.size == 0:
+        return array.astype(np.int32)
+    if not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"{name} must be particle indices (whole numbers), not {array.dtype}")
+    bad = array[(array < 0) | (array >= count)]
+    if bad.size:
+        raise InputError(f"{name} names particle {bad.flat[0]}, but there are {count} (0 to {count - 1})")
+    return array.astype(np.int32)
+
+
+def _range(low: float, high: float, above: float) -> str:
+    if low > -math.inf and high < math.inf:
+        return f"a finite number in {low:g}..{high:g}"
+    if above > -math.inf:
+        return f"a finite number above {above:g}"
+    if low > -math.inf:
+        return f"a finite number of at least {low:g}"
+    return "a finite number"
+
+
+def _text(vector: np.ndarray) -> str:
+    return "(" + ", ".join(f"{c:g}" for c in vector) + ")"

@@ -1,0 +1,65 @@
+"""Distance constraints of a model; the maths is in kernels/distance.py."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import warp as wp
+
+from pbd_warp.constraints.parameters import Parameters
+from pbd_warp.kernels.distance import project_distance
+
+if TYPE_CHECKING:
+    from pbd_warp.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class DistanceSet:
+    """|x_i - x_j| = rest_length for each edge.
+
+    edge: int32 [edge_count, 2]. rest_length [m], stiffness 0..1, compliance [m/N]: float64 [edge_count].
+    """
+
+    edge: np.ndarray
+    rest_length: np.ndarray
+    stiffness: np.ndarray
+    compliance: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.edge)
+
+    def valence(self, count: np.ndarray) -> None:
+        """Add each particle's number of constraints to `count` [particle_count]."""
+        np.add.at(count, self.edge.ravel(), 1)
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """C of every edge [m], float64 [edge_count]."""
+        return np.linalg.norm(x[self.edge[:, 0]] - x[self.edge[:, 1]], axis=1) - self.rest_length
+
+    def bind(self, sim: Simulation) -> BoundDistances:
+        return BoundDistances(self, sim)
+
+
+class BoundDistances:
+    """Distance constraints on a simulation's device, in its precision."""
+
+    def __init__(self, constraints: DistanceSet, sim: Simulation):
+        self._sim = sim
+        self.edge = sim.upload("distance.edge", constraints.edge, wp.vec2i)
+        self.rest_length = sim.upload("distance.rest_length", constraints.rest_length)
+        self.parameters = Parameters(sim, "distance", constraints.stiffness, constraints.compliance, sim.real)
+        self.begin = self.parameters.begin
+
+    def project(self, u: wp.array, share: wp.array | None, relaxation: float, correction: wp.array) -> None:
+        p = self.parameters
+        sim = self._sim
+        sim.launch(
+            project_distance,
+            len(self.edge),
+            *(self.edge, self.rest_length, p.stiffness, p.compliance),
+            *(sim.state.x, sim.w),
+            *(u, share, relaxation),
+            *(p.lam, correction),
+        )

@@ -1,0 +1,83 @@
+"""What a simulation is doing, measured in float64 on the host."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pbd_warp.kernels.collider import SPHERE
+from pbd_warp.simulation import Simulation
+
+
+@dataclass(frozen=True)
+class Measures:
+    """One moment of a simulation.
+
+    residual: Largest |C| [m] of what should hold exactly: distances and points without compliance, overlaps of
+        particles in contact and with colliders.
+    max_stretch: Largest | |x_i - x_j| / rest_length - 1 | of all distances (of rest length above 0).
+    overlap: Deepest overlap of two particles in contact, or of a particle and a collider [m].
+    energy: Kinetic, in gravity (0 at the origin's height) and in compliant constraints [J].
+    momentum [kg m/s], angular_momentum about the origin [kg m^2/s]: of all free particles, shape [3].
+    """
+
+    residual: float
+    max_stretch: float
+    overlap: float
+    energy: float
+    momentum: np.ndarray
+    angular_momentum: np.ndarray
+
+
+def measure(sim: Simulation) -> Measures:
+    """Measure a simulation as it is now; reads the state back from the device."""
+    model = sim.model
+    x = sim.state.x.numpy().astype(np.float64)
+    v = sim.state.v.numpy().astype(np.float64)
+    free = model.w > 0.0
+    m = np.divide(1.0, model.w, out=np.zeros_like(model.w), where=free)
+
+    edges, points = model.distance, model.point
+    c = edges.residual(x)
+    c_point = points.residual(x, sim.point_target.numpy()) if sim.point_target else np.zeros(0)
+    rated = edges.rest_length > 0.0
+    overlap = max(_pair_overlap(sim, x), _collider_overlap(sim, x))
+    elastic = _elastic(c, edges.compliance) + _elastic(c_point, points.compliance)
+    return Measures(
+        residual=max(_largest(c[edges.compliance == 0.0]), _largest(c_point[points.compliance == 0.0]), overlap),
+        max_stretch=_largest(c[rated] / edges.rest_length[rated]),
+        overlap=overlap,
+        energy=float(0.5 * m @ np.sum(v * v, axis=1) - m @ (x @ model.gravity)) + elastic,
+        momentum=m @ v,
+        angular_momentum=m @ np.cross(x, v),
+    )
+
+
+def _largest(values: np.ndarray) -> float:
+    return float(np.max(np.abs(values), initial=0.0))
+
+
+def _elastic(c: np.ndarray, compliance: np.ndarray) -> float:
+    soft = compliance > 0.0
+    return float(np.sum(0.5 * c[soft] ** 2 / compliance[soft]))
+
+
+def _pair_overlap(sim: Simulation, x: np.ndarray) -> float:
+    if not sim.contacts:
+        return 0.0
+    pair = sim.contacts.pair.numpy()[: int(sim.contacts.count.numpy()[0])]
+    i, j = pair[pair[:, 1] >= 0].T
+    depth = sim.model.radius[i] + sim.model.radius[j] - np.linalg.norm(x[i] - x[j], axis=1)
+    return float(np.max(depth, initial=0.0))
+
+
+def _collider_overlap(sim: Simulation, x: np.ndarray) -> float:
+    model, deepest = sim.model, 0.0
+    free = model.w > 0.0
+    c = model.colliders
+    for kind, centre, normal, size in zip(c.kind, c.centre, c.normal, c.size, strict=True):
+        away = x[free] - centre
+        surface = np.linalg.norm(away, axis=1) - size if kind == SPHERE else away @ normal
+        deepest = max(deepest, float(np.max(model.radius[free] - surface, initial=0.0)))
+    return deepest

@@ -1,0 +1,134 @@
+"""Runs a scene from its first frame to its last, into a USD file."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import warp as wp
+
+import pbd_warp
+from pbd_warp import check
+from pbd_warp.drag import Drag
+from pbd_warp.errors import Interrupted, SimulationFailed
+from pbd_warp.measure import measure
+from pbd_warp.model import Model
+from pbd_warp.scene import Scene
+from pbd_warp.simulation import Simulation
+from pbd_warp.usd import UsdWriter
+
+
+@dataclass(frozen=True)
+class RunStats:
+    """What a run was and how it went; the fields are the keys of `--stats FILE.json`."""
+
+    scene: str
+    device: str
+    dtype: str
+    method: str
+    integrator: str
+    substeps: int
+    iterations: int
+    frames: int
+    compile_s: float
+    wall_ms_per_frame: float
+    max_stretch: float
+    max_residual: float
+    energy_start: float
+    energy_end: float
+    particles: int
+    constraints: int
+    out: str
+
+    def save(self, path: Path) -> None:
+        path.write_text(json.dumps(vars(self), indent=2) + "\n")
+
+
+def make_simulation(scene: Scene, model: Model) -> Simulation:
+    """A simulation of a scene with the scene's settings."""
+    return Simulation(
+        model,
+        1.0 / check.number("fps", scene.fps, above=0.0),
+        scene.substeps,
+        method=scene.method,
+        integrator=scene.integrator,
+        damping=scene.damping,
+    )
+
+
+def run(
+    scene: Scene,
+    out: Path,
+    device: str | None = None,
+    dtype: str = "float32",
+    on_frame: Callable[[int], None] = lambda frame: None,
+) -> RunStats:
+    """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
+
+    Args:
+        on_frame: Called with each frame's number once it is written.
+
+    Raises:
+        InputError: before anything is simulated or written.
+        SimulationFailed: the frames so far are kept (see UsdWriter).
+    """
+    frames = check.whole("frames", scene.frames, low=1)
+    model = scene.builder.finalize(device=device, dtype=dtype)
+    sim = make_simulation(scene, model)
+    drag = Drag(scene.drag)
+    settings: dict[str, Any] = {
+        "scene": scene.name,
+        "device": str(model.device),
+        "dtype": model.dtype,
+        "method": type(scene.method).__name__.lower(),
+        "integrator": scene.integrator,
+        "substeps": scene.substeps,
+        "iterations": scene.method.iterations,
+    }
+    now = measure(sim)
+    energy_start, worst_stretch, worst_residual = now.energy, now.max_stretch, now.residual
+    wall = 0.0
+    writer = UsdWriter(out, model, scene.fps, {"version": pbd_warp.__version__, **settings})
+    with _say_what_is_kept(writer), writer:
+        for frame in range(frames):
+            if frame > 0:
+                drag.advance(sim)
+                start = time.perf_counter()
+                sim.step()
+                wp.synchronize_device(model.device)
+                wall += time.perf_counter() - start
+                now = measure(sim)
+                worst_stretch = max(worst_stretch, now.max_stretch)
+                worst_residual = max(worst_residual, now.residual)
+            writer.write(sim.state)
+            on_frame(frame)
+    return RunStats(
+        **settings,
+        frames=frames,
+        compile_s=sim.compile_seconds,
+        wall_ms_per_frame=1e3 * wall / max(frames - 1, 1),
+        max_stretch=worst_stretch,
+        max_residual=worst_residual,
+        energy_start=energy_start,
+        energy_end=now.energy,
+        particles=model.particle_count,
+        constraints=model.constraint_count,
+        out=str(out),
+    )
+
+
+@contextmanager
+def _say_what_is_kept(writer: UsdWriter) -> Iterator[None]:
+    """Adds to the error that ends a run early where the frames so far are."""
+    try:
+        yield
+    except (SimulationFailed, KeyboardInterrupt) as error:
+        kept = f"; the {writer.frames} frames so far are in {writer.saved}" if writer.saved else ""
+        if isinstance(error, KeyboardInterrupt):
+            raise Interrupted(f"interrupted{kept}") from error
+        raise SimulationFailed(f"{error}{kept}") from error

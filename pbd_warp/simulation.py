@@ -1,0 +1,209 @@
+"""The simulation: the loop of Mueller et al. 2007, Position Based Dynamics, section 3.1."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from pbd_warp import check
+from pbd_warp.contacts import BoundContacts
+from pbd_warp.damping import Damper
+from pbd_warp.errors import InputError, SimulationFailed, unknown
+from pbd_warp.integrators import INTEGRATORS
+from pbd_warp.launch import Launcher
+from pbd_warp.methods import Jacobi
+from pbd_warp.model import Model, State
+
+NOBODY = -1
+FINITE = np.iinfo(np.int32).max
+"""In `diverged`: no particle has left the finite numbers."""
+
+
+class Simulation:
+    """Runs a model, frame by frame.
+
+    Args:
+        model: What to simulate.
+        dt: Length of a frame [s].
+        substeps: Steps of the paper's loop in a frame, each of dt / substeps.
+        method: How constraints are projected, `Jacobi()` unless given.
+        integrator: How velocity becomes position and back: "pbd".
+        damping: k of section 3.5: the fraction of all velocity that is not rigid motion taken away in a frame, 0..1.
+        max_contacts: Room for contacts in one step; 8 a particle and 64 more unless given.
+        capture: Record a frame once and replay it (a CUDA graph, or its CPU counterpart) instead of launching
+            every kernel from Python.
+
+    Attributes:
+        state: Positions and velocities now; Warp arrays, which may be read and written between frames.
+        point_target: Targets of the point constraints [m], Warp array [point_count]; may be written between frames.
+        frame: Frames done. time: the same in seconds.
+        compile_seconds: What loading (and at first use compiling) the kernels took.
+
+    Raises:
+        InputError: dt <= 0, substeps < 1, damping outside 0..1, max_contacts < 1, an unknown integrator.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        dt: float = 1.0 / 60.0,
+        substeps: int = 1,
+        *,
+        method: Jacobi | None = None,
+        integrator: str = "pbd",
+        damping: float = 0.0,
+        max_contacts: int | None = None,
+        capture: bool = True,
+    ):
+        self.model = model
+        self.dt = check.number("dt", dt, above=0.0)
+        self.substeps = check.whole("substeps", substeps, low=1)
+        self.method = method if method is not None else Jacobi()
+        self.damping = check.number("damping", damping, low=0.0, high=1.0)
+        self.max_contacts = None if max_contacts is None else check.whole("max_contacts", max_contacts, low=1)
+        if integrator not in INTEGRATORS:
+            raise unknown("integrator", integrator, INTEGRATORS)
+
+        self.substep_dt = self.dt / self.substeps
+        self.real, self.vec3 = model.real, model.vec3
+        self.launch = Launcher(model.device, model.real)
+        self.arrays: dict[str, wp.array] = {}
+        self.frame = 0
+
+        self.state = State(x=self.upload("x", model.x, self.vec3), v=self.upload("v", model.v, self.vec3))
+        self.w = self.upload("w", model.w)  # the grabbed particle's is 0 here, not in the model
+        self.u = self.allocate("u", model.particle_count, self.vec3)
+        self.grabbed = self.upload("grabbed", [NOBODY], wp.int32)
+        self.grab_target = self.allocate("grab_target", 1, self.vec3)
+        self.diverged = self.upload("diverged", [FINITE], wp.int32)
+
+        points = model.point.bind(self) if len(model.point) else None
+        self.point_target = points.target if points else None
+        distances = model.distance.bind(self) if len(model.distance) else None
+        self.contacts = BoundContacts(self) if model.contacts or len(model.colliders.kind) else None
+        self.constraints = [c for c in (distances, points, self.contacts) if c]
+        valence = np.zeros(model.particle_count, np.int32)
+        model.distance.valence(valence)
+        model.point.valence(valence)
+        self.valence = self.upload("valence", valence, wp.int32)
+        # Contacts come and go, so a particle's number of constraints does too.
+        self.share = self.allocate("share", model.particle_count, wp.int32) if self.contacts else self.valence
+        self.damper = Damper(self) if self.damping > 0.0 else None
+        self.integrator = INTEGRATORS[integrator](self)
+        self.solver = self.method.bind(self)
+
+        self.compile_seconds = self._load_kernels()
+        self._graph = self._capture() if capture else None
+
+    def step(self) -> None:
+        """Advance by one frame.
+
+        Raises:
+            SimulationFailed: a position is no longer finite, or there were more contacts than room for them.
+        """
+        if self._graph is None:
+            self._run_frame()
+        else:
+            wp.capture_launch(self._graph)
+        self.frame += 1
+        self._check_frame()
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return self.frame * self.dt
+
+    @property
+    def passes(self) -> list[str]:
+        """What one step (substep) launches, in order."""
+        with self.launch.dry_run() as trace:
+            self._run_step(remaining=1)
+        return [name for name, _ in trace]
+
+    def grab(self, particle: int) -> None:
+        """Take hold of a particle: it stays where it is, whatever pulls at it, until `move_to` or `release`."""
+        check.indices("grab", [particle], self.model.particle_count)
+        self.release()
+        self.grabbed.fill_(int(particle))
+        self.w[particle : particle + 1].zero_()
+        wp.copy(self.grab_target, self.state.x, src_offset=int(particle), count=1)
+        self._held: int | None = int(particle)
+
+    def move_to(self, position: Any) -> None:
+        """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over the substeps."""
+        if self._held is None:
+            raise InputError("move_to needs a grabbed particle: call grab(particle) first")
+        self.grab_target.fill_(self.vec3(*check.vector("position", position)))
+
+    def release(self) -> None:
+        """Let go. A free particle keeps the velocity it was moved with; a fixed one stays where it is."""
+        if self._held is None:
+            return
+        held = slice(self._held, self._held + 1)
+        mass_inverse = float(self.model.w[self._held])
+        self.w[held].fill_(mass_inverse)
+        if mass_inverse == 0.0:
+            self.state.v[held].zero_()
+        self.grabbed.fill_(NOBODY)
+        self._held = None
+
+    _held: int | None = None
+
+    def _run_frame(self) -> None:
+        for substep in range(self.substeps):
+            self._run_step(remaining=self.substeps - substep)
+
+    def _run_step(self, remaining: int) -> None:
+        """One pass of the paper's loop, lines 5-16."""
+        if self.damper:
+            self.integrator.accelerate()  # (5)
+            self.damper.damp()  # (6)
+        self.integrator.predict(remaining)  # (5) where there is no line 6, (7)
+        if self.contacts:
+            self.contacts.find()  # (8)
+        self.solver.solve()  # (9)-(11)
+        self.integrator.update()  # (12)-(15)
+        if self.contacts:
+            self.contacts.update_velocities()  # (16)
+
+    def _load_kernels(self) -> float:
+        with self.launch.dry_run() as trace:
+            self._run_step(remaining=1)
+        start = time.perf_counter()
+        for module in {kernel.module.name for _, kernel in trace if kernel}:
+            wp.load_module(module, device=self.model.device)
+        return time.perf_counter() - start
+
+    def _capture(self) -> wp.Graph:
+        with wp.ScopedCapture(device=self.model.device, force_module_load=False) as capture:
+            self._run_frame()
+        return capture.graph
+
+    def _check_frame(self) -> None:
+        at = f"frame {self.frame} (t = {self.time:.6g} s)"
+        particle = int(self.diverged.numpy()[0])
+        if particle != FINITE:
+            raise SimulationFailed(
+                f"{at}: particle {particle} has left the finite numbers with {self.method} and "
+                f"{self.substeps} substeps; try more substeps, a smaller relaxation or averaging='mass-splitting'"
+            )
+        if self.contacts:
+            needed = int(self.contacts.needed.numpy()[0])
+            if needed:
+                raise SimulationFailed(
+                    f"{at}: {needed} contacts, but there is room for {self.contacts.capacity}; "
+                    f"pass max_contacts={2 * needed} or larger to Simulation"
+                )
+
+    def upload(self, name: str, values: Any, dtype: Any = None) -> wp.array:
+        """A device array of the simulation, by default in its precision; `name` is what the cost sheet calls it."""
+        self.arrays[name] = wp.array(np.asarray(values), dtype=dtype or self.real, device=self.model.device)
+        return self.arrays[name]
+
+    def allocate(self, name: str, shape: int, dtype: Any) -> wp.array:
+        """A device array of zeros."""
+        self.arrays[name] = wp.zeros(shape, dtype=dtype, device=self.model.device)
+        return self.arrays[name]
