@@ -1,7 +1,7 @@
 """Contacts of particles with fixed planes and spheres.
 
 C(p) = (p - q) . n - r >= 0 with q the entry point and n the surface normal there where the path x -> p comes
-in from outside, and the point of the surface closest to x where it starts inside.
+in from outside, and the point of the surface closest to p where it does not.
 Source: Mueller et al. 2007, section 3.4. Both kinds become half-space contacts of contact.py:
 C = n . u + gap with gap = n . (x - q) - r.
 """
@@ -20,18 +20,22 @@ SPHERE = wp.constant(1)
 
 @wp.func
 def sphere_normal(start: Any, move: Any, rest: Any):
-    """Normal at the point of the sphere |s| = rest where the path start -> start + move first touches it;
-    where it never does, at the one that start lies closest to. The centre itself goes out along x."""
+    """Normal of the sphere |s| = rest at the entry point of the path start -> start + move; where the path does not
+    come in, at the point closest to its end. A path that starts inside and goes on inwards has come in at its
+    start: a particle at rest on the sphere and then hit hard must not leave on the other side.
+    The centre itself goes out along x."""
     zero = type(rest)(0.0)
+    one = type(rest)(1.0)
     a = wp.dot(move, move)
     b = wp.dot(start, move)
     c = wp.dot(start, start) - rest * rest
     discriminant = b * b - a * c
-    touch = zero
-    if c >= zero and b < zero and discriminant > zero:
-        touch = wp.min(c / (wp.sqrt(discriminant) - b), type(rest)(1.0))
+    touch = one
+    if b < zero and discriminant > zero:
+        # The smaller root, without cancellation; negative inside.
+        touch = wp.clamp(c / (wp.sqrt(discriminant) - b), zero, one)
     point = start + touch * move
-    direction = wp.vector(type(rest)(1.0), zero, zero)
+    direction = wp.vector(one, zero, zero)
     if wp.length(point) > zero:
         direction = wp.normalize(point)
     return direction

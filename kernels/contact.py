@@ -1,7 +1,7 @@
 """Contacts between particles: the inequality C(p_i, p_j) = |p_i - p_j| - (r_i + r_j) >= 0.
 
-Source: Mueller et al. 2007, section 3.4 (line 8, x -> p: entry point where the path comes in from outside,
-closest point where it starts inside); accumulated multipliers lam >= 0 (projected Jacobi, as in Tonge et al.
+Source: Mueller et al. 2007, section 3.4 (line 8, x -> p: entry point where the path comes in, closest point
+otherwise); accumulated multipliers lam >= 0 (projected Jacobi, as in Tonge et al.
 2012): a contact may take back what it pushed too far, and never pulls.
 
 A contact is one of two, chosen when it is found:
@@ -37,12 +37,11 @@ def sweep_midpoints(
 @wp.func
 def joined(start: wp.array[wp.int32], neighbour: wp.array[wp.int32], i: wp.int32, j: wp.int32):
     """Whether a distance constraint joins i and j (such a pair keeps its own distance)."""
-    found = False
     if start:
         for k in range(start[i], start[i + 1]):
             if neighbour[k] == j:
-                found = True
-    return found
+                return True
+    return False
 
 
 @kernel
@@ -94,16 +93,13 @@ def find_contacts(
                 n = Vec3()
                 c = wp.dot(start, start) - rest * rest
                 discriminant = b * b - a * c
-                if c >= Real(0.0) and b < Real(0.0) and discriminant > Real(0.0):
-                    # Comes in from outside; the root without cancellation.
-                    entry = c / (wp.sqrt(discriminant) - b)
+                if b < Real(0.0) and discriminant > Real(0.0):
+                    # Where they first touch: the smaller root without cancellation; inside already, the start.
+                    entry = wp.max(c / (wp.sqrt(discriminant) - b), Real(0.0))
                     side = wp.normalize(start + entry * move)
-                    through = wp.dot(end, side) <= Real(0.0) or wp.length(end) >= rest
-                    if entry <= Real(1.0) and through:
+                    passed = wp.dot(end, side) <= Real(0.0) or wp.length(end) >= rest
+                    if entry <= Real(1.0) and passed:
                         n = side
-                if c < Real(0.0) and wp.dot(start, end) <= Real(0.0):
-                    # Starts inside and goes on to the other side.
-                    n = wp.normalize(start)
                 k = wp.atomic_add(count, 0, 1)
                 if k < pair.shape[0]:
                     pair[k] = wp.vec2i(i, j)

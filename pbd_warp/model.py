@@ -9,6 +9,7 @@ import warp as wp
 
 from pbd_warp.constraints.distance import DistanceSet
 from pbd_warp.constraints.point import PointSet
+from pbd_warp.kernels.precision import PRECISIONS
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ class Model:
 
     @property
     def vec3(self) -> type:
-        return wp.types.vector(3, self.real)
+        return PRECISIONS[self.real]["Vec3"]
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,180 @@
+"""The whole step against the NumPy reference; what is captured, launched and allocated."""
+
+import numpy as np
+import pytest
+import reference
+import warp as wp
+from models import crowd_model, rope_model, state
+
+import pbd_warp as pbd
+from pbd_warp.run import make_simulation
+
+SCENES = pbd.scene_names()
+
+
+def check_next_frame(sim, atol, grabbed=None, target=None):
+    """Let the simulation and the reference both make the next frame from the same state."""
+    x, v = state(sim)
+    method = sim.method
+    expected_x, expected_v = reference.frame(
+        sim.model, x, v,
+        dt=sim.dt, substeps=sim.substeps, iterations=method.iterations, relaxation=method.relaxation,
+        averaging=method.averaging, damping=sim.damping, grabbed=grabbed, target=target,
+    )  # fmt: skip
+    sim.step()
+    x, v = state(sim)
+    np.testing.assert_allclose(x, expected_x, atol=atol)
+    # A displacement's error is divided by the substep on its way to the velocity.
+    np.testing.assert_allclose(v, expected_v, atol=atol / sim.substep_dt)
+
+
+# Round-off of coordinates of size 1 through the substeps and sweeps of one frame: some 100 operations each.
+ROUND_OFF = {"float32": 100 * 1.2e-7, "float64": 100 * 2.2e-16}
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", SCENES)
+def test_every_scene_follows_the_reference(name, dtype):
+    """Before, in and after its drag; the reference starts from the simulation's own state each time."""
+    scene = pbd.load_scene(name)
+    sim = make_simulation(scene, scene.builder.finalize(dtype=dtype))
+    drag = pbd.Drag(scene.drag)
+    start, end = (gesture[0] for gesture in (scene.drag[0], scene.drag[-1]))
+    compared = [2, int(60 * (start + 0.2)), int(60 * (end - 0.2)), int(60 * end) + 3]
+    for frame in range(compared[-1] + 1):
+        drag.advance(sim)
+        if frame in compared:
+            particle = int(sim.grabbed.numpy()[0])
+            grabbed = particle if particle >= 0 else None
+            assert (grabbed is None) == (frame in (compared[0], compared[-1]))
+            target = sim.grab_target.numpy()[0].astype(float)
+            check_next_frame(sim, ROUND_OFF[dtype], grabbed, target)
+        else:
+            sim.step()
+    assert not np.allclose(state(sim)[0], sim.model.x), "nothing moved"
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"method": pbd.Jacobi(4)},
+        {"method": pbd.Jacobi(4, relaxation=1.3)},
+        {"method": pbd.Jacobi(4, averaging="none", relaxation=0.5)},
+        {"method": pbd.Jacobi(4, averaging="valence")},
+        {"method": pbd.Jacobi(4), "damping": 0.3},
+        {"method": pbd.Jacobi(4), "substeps": 3},
+    ],
+    ids=["plain", "relaxation", "none", "valence", "damping", "substeps"],
+)
+def test_every_setting_follows_the_reference_in_a_crowd(rng, dtype, settings):
+    """Contacts of all kinds, colliders, friction, restitution, joined and fixed particles at once."""
+    sim = pbd.Simulation(crowd_model(rng, dtype=dtype), **settings)
+    check_next_frame(sim, ROUND_OFF[dtype])
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("soft", [{"stiffness": 0.4}, {"compliance": 1e-4}], ids=["stiffness", "compliance"])
+def test_soft_ropes_follow_the_reference(dtype, soft):
+    builder = pbd.ModelBuilder()
+    rope = builder.add_rope(np.linspace([0.0, 0, 0], [1, 0, 0], 6), pinned=(0,), **soft)
+    builder.add_point(rope[-1], target=(1.0, 0.3, 0.2), **soft)
+    sim = pbd.Simulation(builder.finalize(dtype=dtype), substeps=2, method=pbd.Jacobi(5))
+    for _ in range(3):
+        check_next_frame(sim, ROUND_OFF[dtype])
+
+
+PASSES = {
+    # No collision kernel, no damping, nothing for compliance.
+    "worm": ["project_distance", "add_corrections"],
+    "point": ["project_distance", "project_point", "add_corrections"],
+    "rope": ["project_distance", "project_point", "add_corrections"],
+    "collision": ["project_contact", "add_corrections"],
+}
+DAMPING = ["accelerate", *["zero"] * 5, "sum_momentum", "sum_angular_momentum", "find_rotation", "damp_velocities"]
+FIND = [
+    *["zero", "copy", "copy", "sweep_midpoints", "HashGrid.build", "find_contacts", "find_collider_contacts"],
+    *["note_overflow", "zero"],
+]
+BOUNCE = ["zero", "count_active", "bounce", "add_corrections"]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_passes_are_just_what_the_scene_needs(name):
+    scene = pbd.load_scene(name)
+    sim = make_simulation(scene, scene.builder.finalize())
+    collides = name == "collision"
+    expected = [
+        *([] if collides else DAMPING),
+        "predict",
+        *(FIND if collides else []),
+        *(PASSES[name] * scene.method.iterations),
+        "update",
+        *(BOUNCE if collides else []),
+    ]
+    assert sim.passes == expected
+
+
+def test_a_free_particle_needs_two_passes_and_few_arrays():
+    builder = pbd.ModelBuilder()
+    builder.add_particle((0, 0, 0))
+    sim = pbd.Simulation(builder.finalize())
+    assert sim.passes == ["predict", "update"]
+    assert not [name for name in sim.arrays if name.startswith(("distance", "point", "contact", "damping"))]
+
+
+def test_passes_touch_nothing():
+    sim = pbd.Simulation(rope_model())
+    assert len(sim.passes) == 2 + 2 * 20
+    np.testing.assert_array_equal(state(sim)[0], sim.model.x)
+
+
+def run_frames(model, frames=5, **settings):
+    sim = pbd.Simulation(model, substeps=2, damping=0.1, **settings)
+    for frame in range(frames):
+        if frame == 1:
+            sim.grab(2)
+            sim.move_to((0.1, 0.2, 0.3))
+        sim.step()
+    return sim.state.x.numpy(), sim.state.v.numpy()
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_captured_equals_launched_one_by_one(rng, dtype):
+    model = crowd_model(rng, dtype=dtype)
+    for captured, launched in zip(run_frames(model), run_frames(model, capture=False), strict=True):
+        np.testing.assert_array_equal(captured, launched)
+
+
+def test_two_runs_are_the_same_to_the_last_bit(rng):
+    if not wp.get_preferred_device().is_cpu:
+        pytest.skip("float atomics of a GPU add in no fixed order")
+    model = crowd_model(rng, dtype="float32")
+    for first, second in zip(run_frames(model), run_frames(model), strict=True):
+        assert first.tobytes() == second.tobytes()
+
+
+def test_float32_and_float64_in_one_process():
+    single, double = (pbd.Simulation(rope_model(dtype=dtype)) for dtype in ("float32", "float64"))
+    for _ in range(5):
+        single.step()
+        double.step()
+    assert single.state.x.dtype == wp.vec3f
+    assert double.state.x.dtype == wp.vec3d
+    difference = np.abs(state(single)[0] - state(double)[0]).max()
+    assert 0.0 < difference < 1e-5
+
+
+@pytest.mark.parametrize("capture", [True, False])
+def test_a_frame_allocates_nothing(rng, capture, monkeypatch):
+    sim = pbd.Simulation(crowd_model(rng), damping=0.1, capture=capture)
+    sim.step()
+    made = []
+    device = sim.model.device
+    allocator = type(device.get_allocator())
+    allocate = allocator.allocate
+    monkeypatch.setattr(allocator, "allocate", lambda *args, **kw: made.append(args) or allocate(*args, **kw))
+    wp.zeros(1, device=device)
+    assert len(made) == 1, "the test would not notice an allocation"
+    sim.step()
+    assert len(made) == 1
