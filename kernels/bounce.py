@@ -1,16 +1,18 @@
 """velocityUpdate: restitution and friction of every contact that pushed in this step.
 
-    normal:     n . v  ->  max(-e n . v_before, 0)
-    tangential: v_t    ->  v_t - v_t/|v_t| min(mu lam / dt (w_i + w_j), |v_t|)
-Source: Mueller et al. 2007, line 16; the formulas from Mueller et al. 2020, Detailed Rigid Body Simulation with
-Extended Position Based Dynamics, section 3.6 (Coulomb's bound from the multiplier; velocities before the solve).
-For two particles this is the exact law of impact, v1' = ((m1 - e m2) v1 + (1 + e) m2 v2) / (m1 + m2).
+    normal:     n . v  ->  max(-e n . v_before, 0), by an impulse j
+    tangential: v_t    ->  v_t - v_t/|v_t| min(mu |j| (w_i + w_j), |v_t|) where j pushes
+Source: Mueller et al. 2007, line 16; the normal part from Mueller et al. 2020, Detailed Rigid Body Simulation with
+Extended Position Based Dynamics, section 3.6 (velocities before the solve).
+For two particles this is the exact law of impact, v1' = ((m1 - e m2) v1 + (1 + e) m2 v2) / (m1 + m2). The projection
+stops the approach, with friction for that part (contact.py); the friction here belongs to the bounce.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
+from pbd_warp.kernels.contact import friction_of
 from pbd_warp.kernels.precision import Real, Vec3, kernel
 
 
@@ -49,7 +51,6 @@ def bounce(
     lam: wp.array[Real],
     v_before: wp.array[Vec3],  # [particle_count] after line 5 [m/s]
     share: wp.array[wp.int32],  # [particle_count] contacts that pushed
-    dt: Real,
     # Out:
     dv: wp.array[Vec3],  # [particle_count] added to [m/s]
 ):
@@ -59,7 +60,6 @@ def bounce(
         return
     i = pair[k][0]
     j = pair[k][1]
-    mu = friction
     e = restitution
     w_i = w[i]
     w_j = Real(0.0)
@@ -75,17 +75,18 @@ def bounce(
         if wp.dot(n, n) == Real(0.0):
             n = wp.normalize(x[i] - x[j])
     else:
-        mu = collider_friction[-1 - j]
         e = collider_restitution[-1 - j]
     v_n = wp.dot(n, relative)
     approach = wp.dot(n, before)
     if -approach <= resting:
         e = Real(0.0)
-    impulse = n * (wp.max(-e * approach, Real(0.0)) - v_n)
-    tangential = relative - v_n * n
-    speed = wp.length(tangential)
-    if speed > Real(0.0):
-        impulse = impulse - tangential * (wp.min(mu * lam[k] / dt * (w_i + w_j), speed) / speed)
+    change = wp.max(-e * approach, Real(0.0)) - v_n
+    slide = relative - v_n * n
+    speed = wp.length(slide)
+    grip = wp.min(friction_of(j, friction, collider_friction) * wp.max(change, Real(0.0)), speed)
+    impulse = n * change
+    if grip > Real(0.0):
+        impulse = impulse - slide * (grip / speed)
     impulse = impulse / weight
     wp.atomic_add(dv, i, w_i * impulse)
     if j >= 0:

@@ -14,6 +14,8 @@ A collider (see collider.py) is always a half-space, with j = -1 - collider and 
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 from pbd_warp.kernels.distance import distance
@@ -122,10 +124,20 @@ def note_overflow(
         needed[0] = wp.max(needed[0], count[0])
 
 
+@wp.func
+def friction_of(j: wp.int32, pair_friction: Any, collider_friction: Any):
+    """Coulomb's coefficient of a contact with particle j, or with collider -1 - j."""
+    if j >= 0:
+        return pair_friction
+    return collider_friction[-1 - j]
+
+
 @kernel
 def project_contact(
     # Model:
     radius: wp.array[Real],
+    friction: Real,  # of particles with each other
+    collider_friction: wp.array[Real],  # [collider_count]
     # State:
     x: wp.array[Vec3],
     w: wp.array[Real],
@@ -139,9 +151,15 @@ def project_contact(
     relaxation: Real,
     # Out:
     lam: wp.array[Real],  # [capacity] >= 0 [kg m]
+    lam_friction: wp.array[Vec3],  # [capacity] [kg m], or None: no contact has friction
     correction: wp.array[Vec3],
 ):
-    """Line 10 for contacts: dlam = max(-lam, -C / (n_i w_i + n_j w_j))."""
+    """Line 10 for contacts: dlam = max(-lam, -C / (n_i w_i + n_j w_j)).
+
+    Friction holds the slip of the step, the tangential part of u_i - u_j, with up to mu lam (Coulomb). Here and not
+    only in line 16, because a velocity that is stopped after the step leaves the slip of every step: a particle at
+    rest on a slope would creep down it.
+    """
     k = wp.tid()
     if k >= count[0]:
         return
@@ -166,6 +184,16 @@ def project_contact(
         c, direction = distance((x[i] - x[j]) + move, radius[i] + radius[j])
     dlam = wp.max(-lam[k], -relaxation * c / weight)
     lam[k] = lam[k] + dlam
-    wp.atomic_add(correction, i, (w_i * dlam) * direction)
+    push = dlam * direction
+    if lam_friction:
+        slip = move - wp.dot(direction, move) * direction
+        hold = lam_friction[k] - slip * (relaxation / weight)
+        bound = friction_of(j, friction, collider_friction) * lam[k]
+        size = wp.length(hold)
+        if size > bound:
+            hold = hold * (bound / size)
+        push = push + (hold - lam_friction[k])
+        lam_friction[k] = hold
+    wp.atomic_add(correction, i, w_i * push)
     if j >= 0:
-        wp.atomic_sub(correction, j, (w_j * dlam) * direction)
+        wp.atomic_sub(correction, j, w_j * push)

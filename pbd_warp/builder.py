@@ -192,7 +192,8 @@ class ModelBuilder:
         if self.particle_count == 0:
             raise InputError("the model has no particles: add some with add_particle, add_rope or add_graph")
         x, v, w, radius = _columns(self._particles, _VECTOR, _VECTOR, _SCALAR, _SCALAR)
-        too_large = np.flatnonzero(~np.isfinite(np.concatenate([x, v], axis=1).astype(dtype)).all(axis=1))
+        with np.errstate(over="ignore"):
+            too_large = np.flatnonzero(~np.isfinite(np.concatenate([x, v], axis=1).astype(dtype)).all(axis=1))
         if too_large.size:
             raise InputError(f"particle {too_large[0]} is too large or fast a number for {dtype}: use dtype 'float64'")
         if self._contacts and not np.any(radius > 0.0):

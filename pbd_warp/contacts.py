@@ -46,6 +46,9 @@ class BoundContacts:
         self.normal = sim.allocate("contact.normal", self.capacity, sim.vec3)
         self.gap = sim.allocate("contact.gap", self.capacity, sim.real)
         self.lam = sim.allocate("contact.lam", self.capacity, sim.real)
+        self.lam_friction = None
+        if np.any(colliders.friction > 0.0) or (model.contacts and model.contacts.friction > 0.0):
+            self.lam_friction = sim.allocate("contact.lam_friction", self.capacity, sim.vec3)
         self.v_before = sim.allocate("contact.v_before", n, sim.vec3)
         self.dv = sim.allocate("contact.dv", n, sim.vec3)
         self.active = sim.allocate("contact.active", n, wp.int32)
@@ -107,6 +110,8 @@ class BoundContacts:
 
     def begin(self) -> None:
         self._sim.launch.zero(self.lam)
+        if self.lam_friction is not None:
+            self._sim.launch.zero(self.lam_friction)
 
     def project(self, u: wp.array, share: wp.array | None, relaxation: float, correction: wp.array) -> None:
         """Line 10 for contacts."""
@@ -114,8 +119,9 @@ class BoundContacts:
         sim.launch(
             project_contact,
             self.capacity,
-            *(self.radius, sim.state.x, sim.w, *self.found, u, share, relaxation),
-            *(self.lam, correction),
+            *(self.radius, self.friction, self.collider_friction),
+            *(sim.state.x, sim.w, *self.found, u, share, relaxation),
+            *(self.lam, self.lam_friction, correction),
         )
 
     def update_velocities(self) -> None:
@@ -129,7 +135,7 @@ class BoundContacts:
             self.capacity,
             *(self.friction, self.restitution, self.collider_friction, self.collider_restitution, self.resting),
             *(sim.state.x, sim.state.v, sim.w),
-            *(self.count, self.pair, self.normal, self.lam, self.v_before, self.active, sim.substep_dt),
+            *(self.count, self.pair, self.normal, self.lam, self.v_before, self.active),
             self.dv,
         )
         launch(add_corrections, len(self.dv), None, self.dv, sim.state.v)

@@ -1,6 +1,7 @@
 """Small models that several tests build."""
 
 import numpy as np
+from pxr import Usd, UsdGeom
 
 import pbd_warp as pbd
 
@@ -32,3 +33,9 @@ def crowd_model(rng, n=30, dtype="float64", joined=True, speed=3.0):
 def state(sim):
     """Positions and velocities as float64."""
     return sim.state.x.numpy().astype(np.float64), sim.state.v.numpy().astype(np.float64)
+
+
+def samples(path):
+    """Time codes of the particles' positions in a USD file."""
+    stage = Usd.Stage.Open(str(path))  # held, or its prims would go with it
+    return UsdGeom.Points.Get(stage, "/World/Particles").GetPointsAttr().GetTimeSamples()

@@ -4,7 +4,7 @@ Loops over constraints, all pairs instead of a grid, positions p instead of disp
 """
 
 import numpy as np
-from reference_contacts import bounce, find_contacts, unit
+from reference_contacts import bounce, find_contacts, friction, unit
 
 
 def frame(model, x, v, *, dt, substeps, iterations, relaxation=1.0, averaging="mass-splitting", damping=0.0,
@@ -55,6 +55,7 @@ def solve(model, x, p, w, h, contacts, iterations, relaxation, averaging):
     stiffness = 1.0 - (1.0 - np.append(edges.stiffness, points.stiffness)) ** (1.0 / iterations)
     alpha = np.append(edges.compliance, points.compliance) / h**2
     lam = [np.zeros(3 if len(edges) <= k < len(alpha) else 1) for k in range(len(ends))]
+    held = {k: np.zeros(3) for k in range(len(alpha), len(ends))}  # by friction
     for _ in range(iterations):
         move = np.zeros_like(p)
         for k, end in enumerate(ends):
@@ -75,7 +76,14 @@ def solve(model, x, p, w, h, contacts, iterations, relaxation, averaging):
             dlam = -relaxation * (c * (stiffness[k] if soft else 1.0) + a * lam[k]) / (weight + a)
             dlam = dlam if soft else np.maximum(dlam, -lam[k])
             lam[k] = lam[k] + dlam
+            push = dlam @ gradient
+            if not soft:
+                step = (p - x)[end[0]] - ((p - x)[end[1]] if len(end) > 1 else 0.0)
+                hold = held[k] - relaxation * (step - gradient[0] * (gradient[0] @ step)) / weight
+                bound, size = friction(model, contacts[k - len(alpha)][1]) * lam[k][0], np.linalg.norm(hold)
+                hold = hold * bound / size if size > bound else hold
+                push, held[k] = push + hold - held[k], hold
             for sign, particle in zip((1.0, -1.0), end, strict=False):
-                move[particle] += sign * w[particle] * (dlam @ gradient)
+                move[particle] += sign * w[particle] * push
         p = p + move / (np.maximum(n, 1)[:, None] if averaging == "valence" else 1.0)
     return p, [float(multiplier[0]) for multiplier in lam[len(alpha) :]]

@@ -46,16 +46,19 @@ def passed_side(a, d, rest):
     return n if n @ (a + d) <= 0.0 or np.linalg.norm(a + d) >= rest else None
 
 
+def friction(model, j):
+    return model.contacts.friction if j >= 0 else model.colliders.friction[-1 - j]
+
+
 def bounce(model, x, v, before, w, h, contacts, lam):
     """Line 16 for the contacts that pushed, each with its share of the particles' masses."""
-    active = [(*row, push) for row, push in zip(contacts, lam, strict=True) if push > 0.0]
+    active = [row for row, push in zip(contacts, lam, strict=True) if push > 0.0]
     n, dv = np.zeros(len(x)), np.zeros_like(v)
     for i, j, *_ in active:
         n[[i, j] if j >= 0 else [i]] += 1
-    for i, j, normal, _, push in active:
-        table = model.contacts if j >= 0 else None
-        mu = table.friction if table else model.colliders.friction[-1 - j]
-        e = table.restitution if table else model.colliders.restitution[-1 - j]
+    for i, j, normal, _ in active:
+        mu = friction(model, j)
+        e = model.contacts.restitution if j >= 0 else model.colliders.restitution[-1 - j]
         w_j, n_j = (w[j], n[j]) if j >= 0 else (0.0, 0.0)
         normal = unit(x[i] - x[j])[0] if normal is None else normal
         relative, approach = v[i] - (v[j] if j >= 0 else 0), normal @ (before[i] - (before[j] if j >= 0 else 0))
@@ -63,8 +66,9 @@ def bounce(model, x, v, before, w, h, contacts, lam):
         along = normal @ relative
         slide = relative - along * normal
         speed = np.linalg.norm(slide)
-        grip = min(mu * push / h * (w[i] + w_j), speed) / speed if speed > 0.0 else 0.0
-        impulse = (normal * (max(-e * approach, 0.0) - along) - grip * slide) / (n[i] * w[i] + n_j * w_j)
+        change = max(-e * approach, 0.0) - along
+        grip = min(mu * max(change, 0.0), speed) / speed if speed > 0.0 else 0.0
+        impulse = (normal * change - grip * slide) / (n[i] * w[i] + n_j * w_j)
         dv[i] += w[i] * impulse
         if j >= 0:
             dv[j] -= w_j * impulse

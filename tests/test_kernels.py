@@ -232,14 +232,15 @@ def test_note_overflow_keeps_the_most(found, before, after):
     assert run(note_overflow, "float32", 1, np.array([found]), 4, np.array([before]))[-1] == after
 
 
-def project_one_contact(real, x, u, w, normal, gap, lam, radius=0.5, share=(1, 1)):
+def project_one_contact(real, x, u, w, normal, gap, lam, radius=0.5, share=(1, 1), mu=0.0):
     x, u, w = np.array(x, float), np.array(u, float), np.array(w, float)
     pair = np.array([[0, 1 if len(x) > 1 else -1]])
     out = run(
-        project_contact, real, 3, np.full(len(x), radius), x, w, np.array([1]), pair, np.array([normal], float),
-        np.array([gap], float), u, np.array(share[: len(x)]), 1.0, np.array([lam], float), np.zeros((len(x), 3)),
+        project_contact, real, 3, np.full(len(x), radius), mu, np.array([mu]), x, w, np.array([1]), pair,
+        np.array([normal], float), np.array([gap], float), u, np.array(share[: len(x)]), 1.0, np.array([lam], float),
+        np.zeros((1, 3)) if mu else None, np.zeros((len(x), 3)),
     )  # fmt: skip
-    return out[-2][0], out[-1]
+    return out[-3][0], out[-1]
 
 
 @both_precisions
@@ -300,7 +301,7 @@ def test_bounce_is_the_law_of_impact(real, e):
     v = np.array([[0.25, 1, 0], [-0.3125, 0, 0]])  # any v of the same momentum along the normal
     out = run(
         bounce, real, 1, 0.0, e, np.zeros(0), np.zeros(0), 0.0, np.array([[0.0, 0, 0], [1, 0, 0]]), v, w,
-        np.array([1]), np.array([[0, 1]]), np.zeros((1, 3)), np.array([0.5]), before, np.array([1, 1]), 0.25,
+        np.array([1]), np.array([[0, 1]]), np.zeros((1, 3)), np.array([0.5]), before, np.array([1, 1]),
         np.zeros((2, 3)),
     )  # fmt: skip
     momentum, closing = v[0, 0] + 4.0 * v[1, 0], 4.0
@@ -310,17 +311,30 @@ def test_bounce_is_the_law_of_impact(real, e):
 
 
 @both_precisions
-@pytest.mark.parametrize(("mu", "speed"), [(0.0, 2.0), (0.5, 1.5), (4.0, 0.0)])
-def test_bounce_has_coulomb_friction(real, mu, speed):
-    """lam / dt = 1 is the normal impulse of a particle of 1 kg that slides at 2 m/s on a plane."""
+@pytest.mark.parametrize(("mu", "slip"), [(0.0, 2.0), (0.5, 1.625), (4.0, 0.0)])
+def test_a_contact_holds_the_slip_with_up_to_mu_lam(real, mu, slip):
+    """It went 2 along a plane and 0.75 into it."""
+    lam, move = project_one_contact(real, [[0.0, 0.5, 0]], [[2.0, -0.75, 0]], [1], (0, 1, 0), 0.0, 0.0, mu=mu)
+    assert lam == 0.75
+    np.testing.assert_allclose(move, [[slip - 2.0, 0.75, 0]], atol=tolerance(real))
+
+
+def slide(real, mu, e, speed):
+    """A particle of 1 kg that came down on a plane at (2, -1) m/s; the projection has left it (speed, 0)."""
+    v = np.array([[speed, 0.0, 0]])
     out = run(
-        bounce, real, 1, 9.0, 1.0, np.array([mu]), np.array([1.0]), 0.5, np.zeros((1, 3)), np.array([[2.0, 0, 0]]),
-        np.ones(1), np.array([1]), np.array([[0, -1]]), np.array([[0.0, 1, 0]]), np.array([0.25]),
-        np.array([[2.0, -0.25, 0]]), np.array([1]), 0.25, np.zeros((1, 3)),
+        bounce, real, 1, 9.0, 9.0, np.array([mu]), np.array([e]), 0.5, np.zeros((1, 3)), v, np.ones(1),
+        np.array([1]), np.array([[0, -1]]), np.array([[0.0, 1, 0]]), np.array([0.25]),
+        np.array([[2.0, -1.0, 0]]), np.array([1]), np.zeros((1, 3)),
     )  # fmt: skip
-    # Its approach of 0.25 m/s is below the resting speed of 0.5 m/s, so it does not bounce.
-    np.testing.assert_allclose(2.0 + out[-1][0, 0], speed, atol=tolerance(real))
-    assert out[-1][0, 1] == 0.0
+    return (v + out[-1])[0]
+
+
+@both_precisions
+@pytest.mark.parametrize(("mu", "kept"), [(0.0, 1.5), (0.25, 1.375), (9.0, 0.0)])
+def test_a_bounce_has_friction_for_its_own_impulse(real, mu, kept):
+    np.testing.assert_allclose(slide(real, mu, 0.5, 1.5), [kept, 0.5, 0], atol=tolerance(real))
+    np.testing.assert_allclose(slide(real, mu, 0.0, 1.5), [1.5, 0, 0], atol=tolerance(real))
 
 
 @pytest.mark.parametrize(

@@ -94,7 +94,7 @@ PASSES = {
 DAMPING = ["accelerate", *["zero"] * 5, "sum_momentum", "sum_angular_momentum", "find_rotation", "damp_velocities"]
 FIND = [
     *["zero", "copy", "copy", "sweep_midpoints", "HashGrid.build", "find_contacts", "find_collider_contacts"],
-    *["note_overflow", "zero"],
+    *["note_overflow", "zero", "zero"],
 ]
 BOUNCE = ["zero", "count_active", "bounce", "add_corrections"]
 

@@ -1,0 +1,158 @@
+"""The command line from outside: what it prints, what it writes, how it exits."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from models import samples
+from pxr import Usd, UsdGeom
+
+import pbd_warp as pbd
+
+
+def command(*args, cwd=None):
+    return [sys.executable, "-c", "from pbd_warp.cli import main; main()", *map(str, args)]
+
+
+def call(*args, cwd):
+    return subprocess.run(command(*args), cwd=cwd, capture_output=True, text=True, timeout=300)
+
+
+def last_line(text):
+    return text.strip().splitlines()[-1]
+
+
+def test_list(tmp_path):
+    result = call("list", cwd=tmp_path)
+    assert result.returncode == 0
+    assert [line.split()[0] for line in result.stdout.splitlines()] == pbd.scene_names()
+    assert all(len(line.split()) > 5 for line in result.stdout.splitlines())
+
+
+def test_run_writes_the_file_the_table_and_the_stats(tmp_path):
+    result = call(
+        *["run", "rope", "--out", "r.usda", "--stats", "s.json", "--frames", 20, "--dtype", "float64"],
+        *["--substeps", 8, "--iterations", 3, "--method", "jacobi", "--integrator", "pbd", "--fps", 30],
+        cwd=tmp_path,
+    )
+    assert result.returncode == 0, result.stderr
+    stats = json.loads((tmp_path / "s.json").read_text())
+    assert list(stats) == [
+        *["scene", "device", "dtype", "method", "integrator", "substeps", "iterations", "frames", "compile_s"],
+        *["wall_ms_per_frame", "max_stretch", "max_residual", "energy_start", "energy_end", "particles"],
+        *["constraints", "out"],
+    ]
+    given = {"scene": "rope", "dtype": "float64", "method": "jacobi", "integrator": "pbd", "substeps": 8}
+    given |= {"iterations": 3, "frames": 20, "particles": 21, "constraints": 21, "out": "r.usda"}
+    assert {key: stats[key] for key in given} == given
+    assert 0.0 < stats["max_stretch"] < 0.5
+    assert stats["energy_end"] < stats["energy_start"]
+    assert stats["wall_ms_per_frame"] > 0.0
+    assert samples(tmp_path / "r.usda") == list(range(20))
+    for word in ("frames", "ms a frame", "compile", "max stretch", "energy", "r.usda", "KiB"):
+        assert word in result.stdout
+    assert "\r" not in result.stdout + result.stderr, "no progress bar in a pipe"
+
+
+def test_run_and_the_api_give_the_same_motion(tmp_path):
+    assert call("run", "worm", "--frames", 40, cwd=tmp_path).returncode == 0
+    scene = pbd.load_scene("worm")
+    model = scene.builder.finalize()
+    sim = pbd.Simulation(model, 1 / 60, scene.substeps, method=scene.method, damping=scene.damping)
+    drag = pbd.Drag(scene.drag)
+    for _ in range(39):
+        drag.advance(sim)
+        sim.step()
+    stage = Usd.Stage.Open(str(tmp_path / "worm.usda"))
+    points = UsdGeom.Points.Get(stage, "/World/Particles")
+    np.testing.assert_array_equal(np.array(points.GetPointsAttr().Get(39)), sim.state.x.numpy())
+
+
+def test_info_is_the_cost_sheet(tmp_path):
+    result = call("info", "rope", cwd=tmp_path)
+    assert result.returncode == 0
+    for line in ("launches a step  24", "launches a frame 768", "4 x (project_distance -> project_point -> add_corr"):
+        assert line in result.stdout
+    assert "contact" not in result.stdout
+
+
+DIVERGES = """
+import pbd_warp as pbd
+
+def scene():
+    builder = pbd.ModelBuilder()
+    builder.add_particle((0, 0, 0), velocity=(1e38, 0, 0))
+    return pbd.Scene(builder, frames=600)
+"""
+
+
+def test_a_simulation_that_diverges_says_so_and_keeps_its_frames(tmp_path):
+    (tmp_path / "far.py").write_text(DIVERGES)
+    result = call("run", "far.py", cwd=tmp_path)
+    assert result.returncode == 1
+    message = last_line(result.stderr)
+    frames = samples(tmp_path / "far.usda")
+    assert f"frame {len(frames)} " in message
+    for part in ("particle 0 has left the finite numbers with Jacobi(iterations=20", "try more substeps", "far.usda"):
+        assert part in message
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["run", "roep"], "did you mean 'rope'"),
+        (["run", "rope", "--method", "jacoby"], "unknown method 'jacoby'"),
+        (["run", "rope", "--integrator", "pdb"], "unknown integrator"),
+        (["run", "rope", "--dtype", "float16"], "unknown dtype"),
+        (["run", "rope", "--device", "cpx"], "unknown device"),
+        (["run", "rope", "--out", "no/r.usda"], "no does not exist"),
+        (["run", "rope", "--stats", "no/s.json"], "no does not exist"),
+        (["run", "rope", "--out", "r.abc"], "must end in one of"),
+        (["run", "rope", "--frames", "0"], "frames must be at least 1"),
+        (["run", "rope", "--substeps", "0"], "substeps must be at least 1"),
+        (["run", "rope", "--iterations", "0"], "iterations must be at least 1"),
+        (["run", "rope", "--fps", "0"], "fps must be"),
+        (["run", "rope", "--seed", "3"], "nothing random"),
+        (["run", "mine.py"], "no scene file mine.py"),
+        (["run", "rope", "--frames", "many"], "valid integer"),
+        (["run"], "Missing argument"),
+        (["rum"], "rum"),
+    ],
+)
+def test_bad_usage_is_one_sentence_exit_code_2_and_nothing_written(tmp_path, args, message, capsys, monkeypatch):
+    from pbd_warp.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["pbd-warp", *args])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 2
+    text = capsys.readouterr().err
+    assert message in " ".join(text.split())
+    assert "Traceback" not in text
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_debug_shows_the_traceback(tmp_path):
+    result = call("run", "roep", "--debug", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "Traceback" in result.stderr
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")
+def test_ctrl_c_keeps_the_frames_so_far(tmp_path):
+    process = subprocess.Popen(
+        command("run", "rope", "--frames", 100_000), cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    )
+    time.sleep(8.0)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    frames = samples(tmp_path / "rope.usda")
+    assert len(frames) > 10
+    assert f"interrupted; the {len(frames)} frames so far are in rope.usda" in last_line(errors)

@@ -1,0 +1,33 @@
+"""Every kernel compiles for CUDA, which needs NVRTC but neither a driver nor a GPU."""
+
+import importlib
+import pkgutil
+
+import pytest
+import warp as wp
+
+import pbd_warp.kernels
+from pbd_warp.kernels.precision import MODULES
+
+for module in pkgutil.iter_modules(pbd_warp.kernels.__path__):
+    importlib.import_module(f"pbd_warp.kernels.{module.name}")
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_every_kernel_compiles_to_ptx(module, tmp_path):
+    paths = wp.compile_aot_module(module, arch=80, module_dir=tmp_path, use_ptx=True)
+    text = paths[0].read_text()
+    assert ".target sm_80" in text
+    kernels = wp.get_module(module).kernels
+    assert kernels
+    for name in kernels:
+        assert f"{name}_" in text
+
+
+def test_there_is_no_device_name_in_the_code():
+    from pathlib import Path
+
+    for source in [*Path(pbd_warp.kernels.__path__[0]).glob("*.py"), *Path(pbd_warp.__file__).parent.rglob("*.py")]:
+        text = source.read_text()
+        assert '"cpu"' not in text, source
+        assert '"cuda' not in text, source
