@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -67,8 +68,8 @@ def run_scene(
         path = check_path(out if out is not None else Path(f"{built.name}.usda"))
         if stats is not None:
             check_folder(stats.parent)
-        with _progress(built) as advance:
-            result = run(built, path, device, dtype, advance)
+        with _progress(built) as advance, _interruptible() as stop_if_asked:
+            result = run(built, path, device, dtype, lambda frame: (advance(frame), stop_if_asked()))
         if stats is not None:
             result.save(stats)
         typer.echo(_table(result))
@@ -153,6 +154,30 @@ def _progress(scene: Scene) -> Iterator[Callable[[int], None]]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(scene.name, total=scene.frames)
         yield lambda frame: progress.update(task, completed=frame + 1)
+
+
+@contextmanager
+def _interruptible() -> Iterator[Callable[[], None]]:
+    """Ctrl-C is noted, and acted on where the function that this gives is called: between two frames.
+
+    Python would raise it wherever it happens to be, and drop it where that is a destructor. A second Ctrl-C does.
+    """
+    asked: list[int] = []
+    before = signal.getsignal(signal.SIGINT)
+
+    def note(number: int, frame: object) -> None:
+        asked.append(number)
+        signal.signal(signal.SIGINT, before)
+
+    def stop_if_asked() -> None:
+        if asked:
+            raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield stop_if_asked
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _table(stats: RunStats) -> str:

@@ -66,12 +66,12 @@ def run(
     out: Path,
     device: str | None = None,
     dtype: str = "float32",
-    on_frame: Callable[[int], None] = lambda frame: None,
+    on_frame: Callable[[int], object] = lambda frame: None,
 ) -> RunStats:
     """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
 
     Args:
-        on_frame: Called with each frame's number once it is written.
+        on_frame: Called with each frame's number once it is written. A KeyboardInterrupt from it ends the run.
 
     Raises:
         InputError: before anything is simulated or written.
