@@ -152,6 +152,7 @@ def project_contact(
     # Out:
     lam: wp.array[Real],  # [capacity] >= 0 [kg m]
     lam_friction: wp.array[Vec3],  # [capacity] [kg m], or None: no contact has friction
+    residual: wp.array[Real],  # [1] deepest overlap [m], or None: not wanted
     correction: wp.array[Vec3],
 ):
     """Line 10 for contacts: dlam = max(-lam, -C / (n_i w_i + n_j w_j)).
@@ -182,6 +183,8 @@ def project_contact(
     c = wp.dot(direction, move) + gap[k]
     if wp.dot(direction, direction) == Real(0.0):
         c, direction = distance((x[i] - x[j]) + move, radius[i] + radius[j])
+    if residual:
+        wp.atomic_max(residual, 0, -c)
     dlam = wp.max(-lam[k], -relaxation * c / weight)
     lam[k] = lam[k] + dlam
     push = dlam * direction

@@ -31,13 +31,38 @@ def distance(d: Any, rest: Any):
     return length - rest, direction
 
 
+@wp.func
+def distance_over_step(start: Any, move: Any, rest: Any, compliance: Any, mean_gradient: wp.bool):
+    """A distance as a step sees it, from d_0 = start to d_1 = start + move.
+
+    Gives C, n = d_1/|d_1|, the force direction g, the length that g was divided by, and the compliance. For most
+    integrators g = n. "midpoint" takes g = (d_0 + d_1)/(|d_0| + |d_1|): then g . move is exactly |d_1| - |d_0|, so a
+    rigid link does no work, and a compliant one, with the mean of C at both ends (here doubled, and the compliance
+    with it), the work of its potential energy.
+    """
+    end = start + move
+    c, n = distance(end, rest)
+    g = n
+    size = wp.length(end)
+    a = compliance
+    if mean_gradient:
+        length = wp.length(start)
+        size = size + length
+        if size > type(rest)(0.0):
+            g = (start + end) / size
+        if compliance > type(rest)(0.0):
+            c = c + (length - rest)
+            a = compliance + compliance
+    return c, n, g, size, a
+
+
 @kernel
 def project_distance(
     # Model:
     edge: wp.array[wp.vec2i],  # [edge_count]
     rest_length: wp.array[Real],  # [edge_count] [m]
     stiffness: wp.array[Real],  # [edge_count] k' of one iteration, or None: all 1
-    compliance: wp.array[Real],  # [edge_count] compliance / dt^2 [1/kg], or None: all 0
+    compliance: wp.array[Real],  # [edge_count] [m/N], or None: all 0
     # State:
     x: wp.array[Vec3],  # [particle_count] [m]
     w: wp.array[Real],  # [particle_count] [1/kg]
@@ -45,8 +70,11 @@ def project_distance(
     u: wp.array[Vec3],  # [particle_count] [m]
     share: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: masses are not split
     relaxation: Real,
+    per_force: Real,  # 1 / the integrator's force scale [1/s^2]: compliance times it is XPBD's alpha~
+    mean_gradient: wp.bool,  # force along the mean of the configurations before and after the step
     # Out:
     lam: wp.array[Real],  # [edge_count] multiplier [kg m], only with compliance
+    residual: wp.array[Real],  # [1] largest |C + a lam| [m], or None: not wanted
     correction: wp.array[Vec3],  # [particle_count] [m], added to
 ):
     """Line 10 for distances: dlam = -(C + a lam) / (n_i w_i + n_j w_j + a), p += w dlam grad C."""
@@ -59,14 +87,18 @@ def project_distance(
     if share:
         weight = Real(share[i]) * w_i + Real(share[j]) * w_j
     if weight > Real(0.0):
-        c, direction = distance((x[i] - x[j]) + (u[i] - u[j]), rest_length[k])
+        soft = Real(0.0)
+        if compliance:
+            soft = compliance[k] * per_force
+        c, n, g, size, a = distance_over_step(x[i] - x[j], u[i] - u[j], rest_length[k], soft, mean_gradient)
+        if compliance:
+            c = c + a * lam[k]
+        if residual:
+            wp.atomic_max(residual, 0, wp.abs(c))
         if stiffness:
             c = c * stiffness[k]
-        if compliance:
-            c = c + compliance[k] * lam[k]
-            weight = weight + compliance[k]
-        dlam = -relaxation * c / weight
+        dlam = -relaxation * c / (weight + a)
         if compliance:
             lam[k] = lam[k] + dlam
-        wp.atomic_add(correction, i, (w_i * dlam) * direction)
-        wp.atomic_sub(correction, j, (w_j * dlam) * direction)
+        wp.atomic_add(correction, i, (w_i * dlam) * g)
+        wp.atomic_sub(correction, j, (w_j * dlam) * g)

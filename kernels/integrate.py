@@ -7,9 +7,19 @@ would hand that loss on to the velocity. With u the velocity sees no rounding of
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 from pbd_warp.kernels.precision import Real, Vec3, kernel
+
+
+@wp.func
+def move(i: wp.int32, u: wp.array[Any], x: wp.array[Any], diverged: wp.array[wp.int32]):
+    """Line 14, x += u; notes the particle where that is not finite."""
+    x[i] = x[i] + u[i]
+    if not wp.isfinite(x[i]):
+        wp.atomic_min(diverged, 0, i)
 
 
 @kernel
@@ -40,15 +50,15 @@ def predict(
     dt: Real,  # [s]
     grabbed: wp.array[wp.int32],  # [1] grabbed particle, -1 for none
     grab_target: wp.array[Vec3],  # [1] where it is at the end of the frame [m]
-    remaining: Real,  # substeps left in the frame, this one included
+    part: Real,  # of the way to its target that it goes in this step
     # Out:
     v: wp.array[Vec3],  # [particle_count] [m/s]
     u: wp.array[Vec3],  # [particle_count] [m]
 ):
-    """Lines 5 and 7: v += dt g, u = dt v. The grabbed particle goes an equal part of its way in every substep."""
+    """Lines 5 and 7: v += dt g, u = dt v."""
     i = wp.tid()
     if i == grabbed[0]:
-        u[i] = (grab_target[0] - x[i]) / remaining
+        u[i] = (grab_target[0] - x[i]) * part
         v[i] = u[i] / dt
     else:
         if w[i] > Real(0.0):
@@ -69,6 +79,4 @@ def update(
     """Lines 12-15: v = u / dt, x += u."""
     i = wp.tid()
     v[i] = u[i] / dt
-    x[i] = x[i] + u[i]
-    if not wp.isfinite(x[i]):
-        wp.atomic_min(diverged, 0, i)
+    move(i, u, x, diverged)

@@ -22,3 +22,31 @@ def add_corrections(
         delta = delta / Real(wp.max(divisor[i], 1))
     u[i] = u[i] + delta
     correction[i] = Vec3()
+
+
+@kernel
+def add_corrections_accelerated(
+    # In:
+    divisor: wp.array[wp.int32],  # as above
+    omega: wp.array[Real],  # factor of each iteration
+    count: wp.array[wp.int32],  # [1] index into omega, or None: its first
+    # Out:
+    correction: wp.array[Vec3],  # [particle_count] taken and set to zero
+    u_before: wp.array[Vec3],  # [particle_count] of the iteration before this one
+    u: wp.array[Vec3],  # [particle_count]
+):
+    """Chebyshev's semi-iteration: u <- omega (u + correction - u_before) + u_before.
+
+    Source: Wang 2015, A Chebyshev Semi-Iterative Approach for Accelerating Projective and Position-based Dynamics.
+    """
+    i = wp.tid()
+    delta = correction[i]
+    if divisor:
+        delta = delta / Real(wp.max(divisor[i], 1))
+    which = int(0)
+    if count:
+        which = count[0]
+    before = u_before[i]
+    u_before[i] = u[i]
+    u[i] = omega[which] * (u[i] + delta - before) + before
+    correction[i] = Vec3()

@@ -17,7 +17,7 @@ def project_point(
     particle: wp.array[wp.int32],  # [point_count]
     target: wp.array[Vec3],  # [point_count] [m]
     stiffness: wp.array[Real],  # [point_count] k' of one iteration, or None: all 1
-    compliance: wp.array[Real],  # [point_count] compliance / dt^2 [1/kg], or None: all 0
+    compliance: wp.array[Real],  # [point_count] [m/N], or None: all 0
     # State:
     x: wp.array[Vec3],  # [particle_count] [m]
     w: wp.array[Real],  # [particle_count] [1/kg]
@@ -25,8 +25,11 @@ def project_point(
     u: wp.array[Vec3],  # [particle_count] [m]
     share: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: masses are not split
     relaxation: Real,
+    per_force: Real,  # 1 / the integrator's force scale [1/s^2]
+    mean_gradient: wp.bool,  # of a compliant point: the mean of C before and after the step
     # Out:
     lam: wp.array[Vec3],  # [point_count] multiplier [kg m], only with compliance
+    residual: wp.array[Real],  # [1] largest |C + a lam| [m], or None: not wanted
     correction: wp.array[Vec3],  # [particle_count] [m], added to
 ):
     """Line 10 for points: dlam = -(C + a lam) / (n_i w_i + a), p += w dlam."""
@@ -37,11 +40,17 @@ def project_point(
         weight = Real(share[i]) * weight
     if weight > Real(0.0):
         c = (x[i] - target[k]) + u[i]
+        if compliance:
+            a = compliance[k] * per_force
+            if mean_gradient and a > Real(0.0):
+                c = c + (x[i] - target[k])
+                a = a + a
+            c = c + a * lam[k]
+            weight = weight + a
+        if residual:
+            wp.atomic_max(residual, 0, wp.length(c))
         if stiffness:
             c = c * stiffness[k]
-        if compliance:
-            c = c + compliance[k] * lam[k]
-            weight = weight + compliance[k]
         dlam = c * (-relaxation / weight)
         if compliance:
             lam[k] = lam[k] + dlam

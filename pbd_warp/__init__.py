@@ -4,7 +4,7 @@ from pbd_warp.builder import ModelBuilder
 from pbd_warp.drag import Drag
 from pbd_warp.errors import InputError, PbdError, SimulationFailed
 from pbd_warp.measure import Measures, measure
-from pbd_warp.methods import Jacobi
+from pbd_warp.methods import Direct, GaussSeidel, Jacobi
 from pbd_warp.model import Model, State
 from pbd_warp.scene import Scene, load_scene, scene_names
 from pbd_warp.simulation import Simulation
@@ -12,7 +12,9 @@ from pbd_warp.usd import UsdWriter
 from pbd_warp.version import __version__
 
 __all__ = [
+    "Direct",
     "Drag",
+    "GaussSeidel",
     "InputError",
     "Jacobi",
     "Measures",

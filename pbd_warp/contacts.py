@@ -113,7 +113,9 @@ class BoundContacts:
         if self.lam_friction is not None:
             self._sim.launch.zero(self.lam_friction)
 
-    def project(self, u: wp.array, share: wp.array | None, relaxation: float, correction: wp.array) -> None:
+    def project(
+        self, u: wp.array, share: wp.array | None, relaxation: float, residual: wp.array | None, correction: wp.array
+    ) -> None:
         """Line 10 for contacts."""
         sim = self._sim
         sim.launch(
@@ -121,7 +123,7 @@ class BoundContacts:
             self.capacity,
             *(self.radius, self.friction, self.collider_friction),
             *(sim.state.x, sim.w, *self.found, u, share, relaxation),
-            *(self.lam, self.lam_friction, correction),
+            *(self.lam, self.lam_friction, residual, correction),
         )
 
     def update_velocities(self) -> None:

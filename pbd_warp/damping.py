@@ -8,6 +8,7 @@ import numpy as np
 import warp as wp
 
 from pbd_warp.kernels.damping import damp_velocities, find_rotation, sum_angular_momentum, sum_momentum
+from pbd_warp.kernels.integrate import accelerate
 from pbd_warp.kernels.precision import PRECISIONS
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ class Damper:
     def __init__(self, sim: Simulation):
         self._sim = sim
         model = sim.model
+        self._gravity = sim.vec3(*model.gravity)
         _, first = np.unique(model.component, return_index=True)
         mat33 = PRECISIONS[sim.real]["Mat33"]
         self.component = sim.upload("damping.component", model.component, wp.int32)
@@ -40,10 +42,12 @@ class Damper:
         self.fraction = 1.0 - (1.0 - sim.damping) ** (1.0 / sim.substeps)
         self.cutoff = EIGENVALUE_CUTOFF * float(np.finfo(model.dtype).eps)
 
-    def damp(self) -> None:
+    def accelerate_and_damp(self, dt: float) -> None:
+        """Lines 5 and 6. Line 5 is otherwise part of the prediction; here line 6 needs its result first."""
         sim = self._sim
         launch = sim.launch
         x, v, w = sim.state.x, sim.state.v, sim.w
+        launch(accelerate, len(x), self._gravity, w, dt, v)
         graph = (self.component, self.first)
         sums = (self.mass, self.moment, self.momentum)
         for array in (*sums, self.angular_momentum, self.inertia):

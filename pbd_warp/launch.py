@@ -3,7 +3,7 @@ so that a dry run can list them (`Simulation.passes`) without touching any data.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -51,6 +51,13 @@ class Launcher:
     def build_grid(self, grid: wp.HashGrid, points: wp.array, cell_width: float) -> None:
         if not self._noted("HashGrid.build"):
             grid.build(points, cell_width)
+
+    def loop(self, condition: wp.array, body: Callable[[], None]) -> None:
+        """Run `body` while condition[0] is not 0, decided on the device."""
+        if self._noted("while"):
+            body()
+        else:
+            wp.capture_while(condition, body)
 
     def _noted(self, name: str, kernel: wp.Kernel | None = None) -> bool:
         if self._trace is None:

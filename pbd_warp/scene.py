@@ -17,7 +17,7 @@ import pbd_warp.scenes
 from pbd_warp import check
 from pbd_warp.builder import ModelBuilder
 from pbd_warp.errors import InputError, unknown
-from pbd_warp.methods import Jacobi
+from pbd_warp.methods import Jacobi, Method
 
 
 @dataclass
@@ -32,7 +32,7 @@ class Scene:
     frames: int = 300
     fps: float = 60.0
     substeps: int = 1
-    method: Jacobi = field(default_factory=Jacobi)
+    method: Method = field(default_factory=Jacobi)
     integrator: str = "pbd"
     damping: float = 0.0
     drag: Sequence[Sequence[Any]] = ()

@@ -9,12 +9,14 @@ import numpy as np
 import warp as wp
 
 from pbd_warp import check
+from pbd_warp.constraints.distance import BoundDistances
+from pbd_warp.constraints.point import BoundPoints
 from pbd_warp.contacts import BoundContacts
 from pbd_warp.damping import Damper
 from pbd_warp.errors import InputError, SimulationFailed, unknown
-from pbd_warp.integrators import INTEGRATORS
+from pbd_warp.integrators import INTEGRATORS, Integrator
 from pbd_warp.launch import Launcher
-from pbd_warp.methods import Jacobi
+from pbd_warp.methods import Jacobi, Method
 from pbd_warp.model import Model, State
 
 NOBODY = -1
@@ -30,7 +32,7 @@ class Simulation:
         dt: Length of a frame [s].
         substeps: Steps of the paper's loop in a frame, each of dt / substeps.
         method: How constraints are projected, `Jacobi()` unless given.
-        integrator: How velocity becomes position and back: "pbd".
+        integrator: How velocity becomes position and back: "pbd", "bdf2", "midpoint" or "midpoint4".
         damping: k of section 3.5: the fraction of all velocity that is not rigid motion taken away in a frame, 0..1.
         max_contacts: Room for contacts in one step; 8 a particle and 64 more unless given.
         capture: Record a frame once and replay it (a CUDA graph, or its CPU counterpart) instead of launching
@@ -38,7 +40,10 @@ class Simulation:
 
     Attributes:
         state: Positions and velocities now; Warp arrays, which may be read and written between frames.
-        point_target: Targets of the point constraints [m], Warp array [point_count]; may be written between frames.
+        point_target: Targets of the point constraints [m], Warp array [point_count], None where there are none; may be
+            written between frames.
+        iterations_used: Iterations of all steps of the last frame (with `Direct`, of all paths too).
+        unconverged: Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance.
         frame: Frames done. time: the same in seconds.
         compile_seconds: What loading (and at first use compiling) the kernels took.
 
@@ -52,7 +57,7 @@ class Simulation:
         dt: float = 1.0 / 60.0,
         substeps: int = 1,
         *,
-        method: Jacobi | None = None,
+        method: Method | None = None,
         integrator: str = "pbd",
         damping: float = 0.0,
         max_contacts: int | None = None,
@@ -69,6 +74,7 @@ class Simulation:
 
         self.substep_dt = self.dt / self.substeps
         self.real, self.vec3 = model.real, model.vec3
+        self._held: int | None = None
         self.launch = Launcher(model.device, model.real)
         self.arrays: dict[str, wp.array] = {}
         self.frame = 0
@@ -76,23 +82,20 @@ class Simulation:
         self.state = State(x=self.upload("x", model.x, self.vec3), v=self.upload("v", model.v, self.vec3))
         self.w = self.upload("w", model.w)  # the grabbed particle's is 0 here, not in the model
         self.u = self.allocate("u", model.particle_count, self.vec3)
+        self._iteration_counts: wp.array | None = None
         self.grabbed = self.upload("grabbed", [NOBODY], wp.int32)
         self.grab_target = self.allocate("grab_target", 1, self.vec3)
         self.diverged = self.upload("diverged", [FINITE], wp.int32)
 
-        points = model.point.bind(self) if len(model.point) else None
-        self.point_target = points.target if points else None
-        distances = model.distance.bind(self) if len(model.distance) else None
+        self._points: BoundPoints | None = None
         self.contacts = BoundContacts(self) if model.contacts or len(model.colliders.kind) else None
-        self.constraints = [c for c in (distances, points, self.contacts) if c]
-        valence = np.zeros(model.particle_count, np.int32)
-        model.distance.valence(valence)
-        model.point.valence(valence)
-        self.valence = self.upload("valence", valence, wp.int32)
-        # Contacts come and go, so a particle's number of constraints does too.
+        self.valence = self.upload("valence", self.method.valence(model), wp.int32)
+        # Contacts come and go, so the number of constraints that share a particle's mass does too.
         self.share = self.allocate("share", model.particle_count, wp.int32) if self.contacts else self.valence
         self.damper = Damper(self) if self.damping > 0.0 else None
-        self.integrator = INTEGRATORS[integrator](self)
+        self.integrator: Integrator = INTEGRATORS[integrator](self)
+        # Of the stage that is being launched: 1 / force scale [1/s^2], and force scale / that of the stage before.
+        self.per_force = self.lam_scale = 0.0
         self.solver = self.method.bind(self)
 
         self.compile_seconds = self._load_kernels()
@@ -117,6 +120,20 @@ class Simulation:
         return self.frame * self.dt
 
     @property
+    def point_target(self) -> wp.array | None:
+        return self._points.target if self._points else None
+
+    @property
+    def iterations_used(self) -> int:
+        if self._iteration_counts is None:
+            return self.method.iterations * self.substeps * len(self.integrator.stages)
+        return int(self._iteration_counts.numpy()[0])
+
+    @property
+    def unconverged(self) -> int:
+        return 0 if self._iteration_counts is None else int(self._iteration_counts.numpy()[1])
+
+    @property
     def passes(self) -> list[str]:
         """What one step (substep) launches, in order."""
         with self.launch.dry_run() as trace:
@@ -130,7 +147,8 @@ class Simulation:
         self.grabbed.fill_(int(particle))
         self.w[particle : particle + 1].zero_()
         wp.copy(self.grab_target, self.state.x, src_offset=int(particle), count=1)
-        self._held: int | None = int(particle)
+        self._held = int(particle)
+        self.integrator.restart()
 
     def move_to(self, position: Any) -> None:
         """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over the substeps."""
@@ -149,23 +167,35 @@ class Simulation:
             self.state.v[held].zero_()
         self.grabbed.fill_(NOBODY)
         self._held = None
-
-    _held: int | None = None
+        self.integrator.restart()
 
     def _run_frame(self) -> None:
+        if self._iteration_counts is not None:
+            self.launch.zero(self._iteration_counts)
         for substep in range(self.substeps):
             self._run_step(remaining=self.substeps - substep)
 
     def _run_step(self, remaining: int) -> None:
-        """One pass of the paper's loop, lines 5-16."""
+        """One step of the integrator; `remaining` substeps are left in the frame, this one included."""
+        stages = self.integrator.stages
+        for number, stage in enumerate(stages):
+            self._run_stage(
+                dt=stage * self.substep_dt,
+                dt_before=stages[number - 1] * self.substep_dt,  # of the first: the last, one step ago
+                part=stage / (sum(stages[number:]) + remaining - 1),
+            )
+
+    def _run_stage(self, dt: float, dt_before: float, part: float) -> None:
+        """One pass of the paper's loop, lines 5-16. The grabbed particle goes `part` of the way that it has left."""
+        self.per_force = 1.0 / self.integrator.force_scale(dt)
+        self.lam_scale = self.integrator.force_scale(dt) * (1.0 / self.integrator.force_scale(dt_before))
         if self.damper:
-            self.integrator.accelerate()  # (5)
-            self.damper.damp()  # (6)
-        self.integrator.predict(remaining)  # (5) where there is no line 6, (7)
+            self.damper.accelerate_and_damp(dt)  # (5), (6)
+        self.integrator.predict(dt, part)  # (5) where there is no line 6, (7)
         if self.contacts:
             self.contacts.find()  # (8)
         self.solver.solve()  # (9)-(11)
-        self.integrator.update()  # (12)-(15)
+        self.integrator.update(dt)  # (12)-(15)
         if self.contacts:
             self.contacts.update_velocities()  # (16)
 
@@ -197,6 +227,21 @@ class Simulation:
                     f"{at}: {needed} contacts, but there is room for {self.contacts.capacity}; "
                     f"pass max_contacts={2 * needed} or larger to Simulation"
                 )
+
+    def bind_constraints(self) -> list[BoundDistances | BoundPoints]:
+        """The model's constraints on this device, for a method that takes them as they are."""
+        edges, points = self.model.distance, self.model.point
+        return ([edges.bind(self)] if len(edges) else []) + ([self.bind_points()] if len(points) else [])
+
+    def bind_points(self) -> BoundPoints:
+        """The model's point constraints on this device, whose targets are `point_target`."""
+        self._points = self.model.point.bind(self)
+        return self._points
+
+    def count_iterations(self) -> tuple[wp.array, wp.array]:
+        """The two counters behind `iterations_used` and `unconverged`, for a method whose iterations vary."""
+        self._iteration_counts = self.allocate("iteration_counts", 2, wp.int32)
+        return self._iteration_counts[0:1], self._iteration_counts[1:2]
 
     def upload(self, name: str, values: Any, dtype: Any = None) -> wp.array:
         """A device array of the simulation, by default in its precision; `name` is what the cost sheet calls it."""

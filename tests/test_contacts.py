@@ -10,7 +10,7 @@ import pbd_warp as pbd
 
 def found_by_kernel(model, dt):
     sim = pbd.Simulation(model, dt=dt, capture=False)
-    sim.integrator.predict(1)
+    sim.integrator.predict(dt, 1.0)
     sim.contacts.find()
     count = int(sim.contacts.count.numpy()[0])
     rows = {}

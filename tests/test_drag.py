@@ -11,7 +11,7 @@ def test_a_grabbed_particle_moves_evenly_over_the_substeps(monkeypatch):
     sim = pbd.Simulation(rope_model(3), substeps=4, capture=False)
     seen = []
     update = sim.integrator.update
-    monkeypatch.setattr(sim.integrator, "update", lambda: (update(), seen.append(state(sim)[0][2])))
+    monkeypatch.setattr(sim.integrator, "update", lambda dt: (update(dt), seen.append(state(sim)[0][2])))
     sim.grab(2)
     sim.move_to((1.0, 0.4, 0.0))
     sim.step()

@@ -42,7 +42,7 @@ def distance_oracle(edge, rest, k, alpha, x, w, u, share, relaxation, lam):
         d = (x[i] + u[i]) - (x[j] + u[j])
         length = np.sqrt(d @ d)
         n = d / length if length > 0.0 else np.array([1.0, 0.0, 0.0])
-        dlam = -relaxation * (k[e] * (length - rest[e]) + alpha[e] * lam[e]) / (weight + alpha[e])
+        dlam = -relaxation * k[e] * (length - rest[e] + alpha[e] * lam[e]) / (weight + alpha[e])
         lam[e] += dlam
         move[i] += w[i] * dlam * n
         move[j] -= w[j] * dlam * n
@@ -62,12 +62,17 @@ def test_project_distance(real, graph, soft, relaxation):
     optional = (k, alpha) if soft else (None, None)
     out = run(
         project_distance, real, m, edge, rest, *optional, x, w, u, share, relaxation,
-        lam if soft else None, np.zeros((n, 3)),
+        1.0, False, lam if soft else None, np.zeros(1), np.zeros((n, 3)),
     )  # fmt: skip
-    move, lam = distance_oracle(edge, rest, k, alpha, x, w, u, share, relaxation, lam if soft else np.zeros(m))
+    before = lam if soft else np.zeros(m)
+    move, lam = distance_oracle(edge, rest, k, alpha, x, w, u, share, relaxation, before)
     np.testing.assert_allclose(out[-1], move, atol=64 * tolerance(real))
     if soft:
-        np.testing.assert_allclose(out[-2], lam, atol=64 * tolerance(real))
+        np.testing.assert_allclose(out[-3], lam, atol=64 * tolerance(real))
+    i, j = edge.T
+    left = np.abs(np.linalg.norm(x[i] + u[i] - x[j] - u[j], axis=1) - rest + alpha * before)
+    largest = np.max(left[(w[i] > 0.0) | (w[j] > 0.0)], initial=0.0)
+    np.testing.assert_allclose(out[-2], largest, atol=64 * tolerance(real))
     # Newton's third law: what the constraints do to the momentum of free particles cancels.
     if np.all(w > 0.0):
         np.testing.assert_allclose((out[-1] / w[:, None]).sum(axis=0), 0.0, atol=64 * tolerance(real))
@@ -77,8 +82,8 @@ def test_project_distance(real, graph, soft, relaxation):
 def test_project_distance_without_mass_splitting_divides_by_the_plain_weight(real):
     edge, x = np.array([[0, 1], [1, 2]]), np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0]])
     out = run(
-        project_distance, real, 2, edge, np.ones(2), None, None, x, np.ones(3), np.zeros((3, 3)), None, 1.0, None,
-        np.zeros((3, 3)),
+        project_distance, real, 2, edge, np.ones(2), None, None, x, np.ones(3), np.zeros((3, 3)), None, 1.0, 1.0,
+        False, None, None, np.zeros((3, 3)),
     )  # fmt: skip
     np.testing.assert_array_equal(out[-1], [[0.5, 0, 0], [0, 0, 0], [-0.5, 0, 0]])
 
@@ -88,7 +93,7 @@ def test_project_distance_leaves_a_pair_of_fixed_particles(real):
     x = np.array([[0.0, 0, 0], [2, 0, 0]])
     out = run(
         project_distance, real, 1, np.array([[0, 1]]), np.ones(1), None, None, x, np.zeros(2), np.zeros((2, 3)), None,
-        1.0, None, np.zeros((2, 3)),
+        1.0, 1.0, False, None, None, np.zeros((2, 3)),
     )  # fmt: skip
     np.testing.assert_array_equal(out[-1], 0.0)
 
@@ -104,18 +109,18 @@ def test_project_point(real, graph, soft):
     k, alpha, lam = (0.75, 0.5, np.full((m, 3), 0.25)) if soft else (1.0, 0.0, np.zeros((m, 3)))
     optional = (np.full(m, k), np.full(m, alpha)) if soft else (None, None)
     out = run(
-        project_point, real, m, particle, target, *optional, x, w, u, share, 1.0, lam if soft else None,
-        np.zeros((n, 3)),
+        project_point, real, m, particle, target, *optional, x, w, u, share, 1.0, 1.0, False,
+        lam if soft else None, None, np.zeros((n, 3)),
     )  # fmt: skip
     move = np.zeros((n, 3))
     for e, i in enumerate(particle):
         if w[i] > 0.0:
-            dlam = -(k * (x[i] + u[i] - target[e]) + alpha * lam[e]) / (share[i] * w[i] + alpha)
+            dlam = -k * (x[i] + u[i] - target[e] + alpha * lam[e]) / (share[i] * w[i] + alpha)
             lam[e] += dlam
             move[i] += w[i] * dlam
     np.testing.assert_allclose(out[-1], move, atol=64 * tolerance(real))
     if soft:
-        np.testing.assert_allclose(out[-2], lam, atol=64 * tolerance(real))
+        np.testing.assert_allclose(out[-3], lam, atol=64 * tolerance(real))
 
 
 @both_precisions
@@ -130,7 +135,7 @@ def test_predict(real):
     v = np.array([[1.0, 0, 0], [0, 0, 0], [4, 0, 0]])
     w = np.array([1.0, 0.0, 0.0])
     out = run(
-        predict, real, 3, vec(REALS[real])(0.0, -8.0, 0.0), x, w, 0.25, np.array([2]), np.array([[2.0, 4, 2]]), 4.0,
+        predict, real, 3, vec(REALS[real])(0.0, -8.0, 0.0), x, w, 0.25, np.array([2]), np.array([[2.0, 4, 2]]), 0.25,
         v, np.zeros((3, 3)),
     )  # fmt: skip
     v_new, u = out[-2:]
@@ -238,9 +243,9 @@ def project_one_contact(real, x, u, w, normal, gap, lam, radius=0.5, share=(1, 1
     out = run(
         project_contact, real, 3, np.full(len(x), radius), mu, np.array([mu]), x, w, np.array([1]), pair,
         np.array([normal], float), np.array([gap], float), u, np.array(share[: len(x)]), 1.0, np.array([lam], float),
-        np.zeros((1, 3)) if mu else None, np.zeros((len(x), 3)),
+        np.zeros((1, 3)) if mu else None, np.zeros(1), np.zeros((len(x), 3)),
     )  # fmt: skip
-    return out[-3][0], out[-1]
+    return out[-4][0], out[-1]
 
 
 @both_precisions

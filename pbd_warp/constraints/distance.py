@@ -38,21 +38,27 @@ class DistanceSet:
         """C of every edge [m], float64 [edge_count]."""
         return np.linalg.norm(x[self.edge[:, 0]] - x[self.edge[:, 1]], axis=1) - self.rest_length
 
-    def bind(self, sim: Simulation) -> BoundDistances:
-        return BoundDistances(self, sim)
+    def subset(self, which: np.ndarray) -> DistanceSet:
+        """Some of the edges."""
+        return DistanceSet(self.edge[which], self.rest_length[which], self.stiffness[which], self.compliance[which])
+
+    def bind(self, sim: Simulation, name: str = "distance") -> BoundDistances:
+        return BoundDistances(self, sim, name)
 
 
 class BoundDistances:
     """Distance constraints on a simulation's device, in its precision."""
 
-    def __init__(self, constraints: DistanceSet, sim: Simulation):
+    def __init__(self, constraints: DistanceSet, sim: Simulation, name: str):
         self._sim = sim
-        self.edge = sim.upload("distance.edge", constraints.edge, wp.vec2i)
-        self.rest_length = sim.upload("distance.rest_length", constraints.rest_length)
-        self.parameters = Parameters(sim, "distance", constraints.stiffness, constraints.compliance, sim.real)
+        self.edge = sim.upload(f"{name}.edge", constraints.edge, wp.vec2i)
+        self.rest_length = sim.upload(f"{name}.rest_length", constraints.rest_length)
+        self.parameters = Parameters(sim, name, constraints.stiffness, constraints.compliance, sim.real)
         self.begin = self.parameters.begin
 
-    def project(self, u: wp.array, share: wp.array | None, relaxation: float, correction: wp.array) -> None:
+    def project(
+        self, u: wp.array, share: wp.array | None, relaxation: float, residual: wp.array | None, correction: wp.array
+    ) -> None:
         p = self.parameters
         sim = self._sim
         sim.launch(
@@ -60,6 +66,6 @@ class BoundDistances:
             len(self.edge),
             *(self.edge, self.rest_length, p.stiffness, p.compliance),
             *(sim.state.x, sim.w),
-            *(u, share, relaxation),
-            *(p.lam, correction),
+            *(u, share, relaxation, sim.per_force, sim.integrator.mean_gradient),
+            *(p.lam, residual, correction),
         )

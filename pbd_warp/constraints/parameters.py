@@ -13,12 +13,13 @@ if TYPE_CHECKING:
 
 
 class Parameters:
-    """k' and compliance / dt^2 of one set in one simulation, and its multipliers; None where nothing needs them.
+    """k' and compliance of one set in one simulation, and its multipliers; None where nothing needs them.
 
     stiffness: k' = 1 - (1 - k)^(1 / iterations), so that a step leaves (1 - k) of an error for every number of
     iterations (Mueller et al. 2007, section 3.3).
-    compliance: alpha~ = compliance / dt^2 (Macklin et al. 2016, XPBD, eq. 18), with a multiplier that is zeroed
-    once a substep: zeroing it in every iteration would make the stiffness depend on their number.
+    compliance: kernels divide it by the integrator's force scale (dt^2 for "pbd": alpha~ of Macklin et al. 2016, XPBD,
+    eq. 18). The multiplier is zeroed once a step: zeroing it in every iteration would make the stiffness depend on
+    their number.
     """
 
     def __init__(self, sim: Simulation, name: str, stiffness: np.ndarray, compliance: np.ndarray, lam_dtype: type):
@@ -28,7 +29,7 @@ class Parameters:
             each = 1.0 - (1.0 - stiffness) ** (1.0 / sim.method.iterations)
             self.stiffness = sim.upload(f"{name}.stiffness", each)
         if np.any(compliance > 0.0):
-            self.compliance = sim.upload(f"{name}.compliance", compliance / sim.substep_dt**2)
+            self.compliance = sim.upload(f"{name}.compliance", compliance)
             self.lam = sim.allocate(f"{name}.lam", len(compliance), lam_dtype)
 
     def begin(self) -> None:

@@ -53,7 +53,9 @@ class BoundPoints:
         self.parameters = Parameters(sim, "point", constraints.stiffness, constraints.compliance, sim.vec3)
         self.begin = self.parameters.begin
 
-    def project(self, u: wp.array, share: wp.array | None, relaxation: float, correction: wp.array) -> None:
+    def project(
+        self, u: wp.array, share: wp.array | None, relaxation: float, residual: wp.array | None, correction: wp.array
+    ) -> None:
         p = self.parameters
         sim = self._sim
         sim.launch(
@@ -61,6 +63,6 @@ class BoundPoints:
             len(self.particle),
             *(self.particle, self.target, p.stiffness, p.compliance),
             *(sim.state.x, sim.w),
-            *(u, share, relaxation),
-            *(p.lam, correction),
+            *(u, share, relaxation, sim.per_force, sim.integrator.mean_gradient),
+            *(p.lam, residual, correction),
         )

@@ -1,8 +1,18 @@
-"""How velocity becomes position and back. An integrator has `predict(sim, remaining)` (lines 5-7) and `update(sim)`
-(lines 12-15)."""
+"""How velocity becomes position and back. An integrator has `order`, the lengths of its `stages` relative to a step,
+`mean_gradient` (forces along the mean of the configurations before and after), `force_scale(dt)`, and for each stage
+`predict(dt, part)` (lines 5-7) and `update(dt)` (lines 12-15); `restart()` forgets the past."""
 
+from pbd_warp.integrators.bdf2 import BDF2
+from pbd_warp.integrators.midpoint import Midpoint
+from pbd_warp.integrators.midpoint4 import Midpoint4
 from pbd_warp.integrators.pbd import PBD
 
-INTEGRATORS = {"pbd": PBD}
+Integrator = PBD | BDF2 | Midpoint
+INTEGRATORS: dict[str, type[PBD] | type[BDF2] | type[Midpoint]] = {
+    "pbd": PBD,
+    "bdf2": BDF2,
+    "midpoint": Midpoint,
+    "midpoint4": Midpoint4,
+}
 
-__all__ = ["INTEGRATORS", "PBD"]
+__all__ = ["BDF2", "INTEGRATORS", "PBD", "Integrator", "Midpoint", "Midpoint4"]

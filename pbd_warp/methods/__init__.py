@@ -1,8 +1,11 @@
-"""How constraints are projected (lines 9-11). A method is a frozen description with `iterations` and `bind(sim)`; what
-`bind` returns has `solve()`."""
+"""How constraints are projected (lines 9-11). A method is a frozen description with `name`, `iterations`, `tolerance`,
+`valence(model)` and `bind(sim)`; what `bind` returns has `solve()`."""
 
+from pbd_warp.methods.direct import Direct
+from pbd_warp.methods.gauss_seidel import GaussSeidel
 from pbd_warp.methods.jacobi import Jacobi
 
-METHODS = {"jacobi": Jacobi}
+METHODS = {method.name: method for method in (Jacobi, GaussSeidel, Direct)}
+Method = Jacobi | GaussSeidel | Direct
 
-__all__ = ["METHODS", "Jacobi"]
+__all__ = ["METHODS", "Direct", "GaussSeidel", "Jacobi", "Method"]

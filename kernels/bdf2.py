@@ -1,0 +1,77 @@
+"""The second-order backward differentiation formula, prediction and the way back.
+
+    u = (x_n - x_{n-1})/3 + (2 dt/9)(4 v_n - v_{n-1}) + (4 dt^2/9) g
+    v_{n+1} = (3 x_{n+1} - 4 x_n + x_{n-1}) / (2 dt) = (3 u - u_before) / (2 dt)
+Source: Hairer, Wanner: Solving Ordinary Differential Equations II, section III.1 (BDF2 for x' = v, v' = a, solved for
+x_{n+1}), in displacements u = x_{n+1} - x_n, u_before = x_n - x_{n-1}.
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from pbd_warp.kernels.integrate import move
+from pbd_warp.kernels.precision import Real, Vec3, kernel
+
+
+@kernel
+def predict_bdf2(
+    # Model:
+    gravity: Vec3,  # [m/s^2]
+    # State:
+    x: wp.array[Vec3],  # [particle_count] [m]
+    v: wp.array[Vec3],  # [particle_count] [m/s]
+    w: wp.array[Real],  # [particle_count] [1/kg]
+    # In:
+    dt: Real,  # [s]
+    grabbed: wp.array[wp.int32],  # [1]
+    grab_target: wp.array[Vec3],  # [1] [m]
+    part: Real,  # of the way to its target that the grabbed particle goes in this step
+    history: wp.array[wp.int32],  # [1] 0: there is no step before this one
+    u_before: wp.array[Vec3],  # [particle_count] [m]
+    v_before: wp.array[Vec3],  # [particle_count] [m/s]
+    # Out:
+    u: wp.array[Vec3],  # [particle_count] [m]
+):
+    i = wp.tid()
+    if i == grabbed[0]:
+        u[i] = (grab_target[0] - x[i]) * part
+    elif w[i] == Real(0.0):
+        u[i] = Vec3()
+    elif history[0] == 0:
+        u[i] = dt * (v[i] + dt * gravity)
+    else:
+        inertia = u_before[i] / Real(3.0) + (Real(2.0) * dt / Real(9.0)) * (Real(4.0) * v[i] - v_before[i])
+        u[i] = inertia + (Real(4.0) * dt * dt / Real(9.0)) * gravity
+
+
+@kernel
+def update_bdf2(
+    # State:
+    w: wp.array[Real],  # [particle_count] [1/kg]
+    # In:
+    u: wp.array[Vec3],  # [particle_count] [m]
+    dt: Real,  # [s]
+    history: wp.array[wp.int32],  # [1]
+    # Out:
+    u_before: wp.array[Vec3],  # [particle_count] [m]
+    v_before: wp.array[Vec3],  # [particle_count] [m/s]
+    x: wp.array[Vec3],  # [particle_count] [m]
+    v: wp.array[Vec3],  # [particle_count] [m/s]
+    diverged: wp.array[wp.int32],  # [1]
+):
+    """A particle that is led (w = 0) has the velocity of its way; so has every one in the first step."""
+    i = wp.tid()
+    v_new = u[i] / dt
+    if history[0] != 0 and w[i] > Real(0.0):
+        v_new = (Real(3.0) * u[i] - u_before[i]) / (Real(2.0) * dt)
+    v_before[i] = v[i]
+    u_before[i] = u[i]
+    v[i] = v_new
+    move(i, u, x, diverged)
+
+
+@kernel
+def remember(history: wp.array[wp.int32]):
+    """From now on there is a step before."""
+    history[0] = 1

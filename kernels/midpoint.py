@@ -1,0 +1,59 @@
+"""The implicit midpoint rule, prediction and the way back.
+
+    u = dt v_n + (dt^2/2) g + W G(mean configuration) lam,   v_{n+1} = 2 u / dt - v_n
+Source: Hairer, Lubich, Wanner: Geometric Numerical Integration, sections II.1 and VII.1; with forces along the
+discrete gradient of distance.py it conserves energy and angular momentum exactly (Gonzalez 1996).
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from pbd_warp.kernels.integrate import move
+from pbd_warp.kernels.precision import Real, Vec3, kernel
+
+
+@kernel
+def predict_midpoint(
+    # Model:
+    gravity: Vec3,  # [m/s^2]
+    # State:
+    x: wp.array[Vec3],  # [particle_count] [m]
+    v: wp.array[Vec3],  # [particle_count] [m/s]
+    w: wp.array[Real],  # [particle_count] [1/kg]
+    # In:
+    dt: Real,  # [s], negative in the third step of "midpoint4"
+    grabbed: wp.array[wp.int32],  # [1]
+    grab_target: wp.array[Vec3],  # [1] [m]
+    part: Real,  # of the way to its target that the grabbed particle goes in this step
+    # Out:
+    u: wp.array[Vec3],  # [particle_count] [m]
+):
+    i = wp.tid()
+    if i == grabbed[0]:
+        u[i] = (grab_target[0] - x[i]) * part
+    elif w[i] == Real(0.0):
+        u[i] = Vec3()
+    else:
+        u[i] = dt * v[i] + (Real(0.5) * dt * dt) * gravity
+
+
+@kernel
+def update_midpoint(
+    # State:
+    w: wp.array[Real],  # [particle_count] [1/kg]
+    # In:
+    u: wp.array[Vec3],  # [particle_count] [m]
+    dt: Real,  # [s]
+    # Out:
+    x: wp.array[Vec3],  # [particle_count] [m]
+    v: wp.array[Vec3],  # [particle_count] [m/s]
+    diverged: wp.array[wp.int32],  # [1]
+):
+    """A particle that is led (w = 0) has the velocity of its way."""
+    i = wp.tid()
+    v_new = u[i] / dt
+    if w[i] > Real(0.0):
+        v_new = v_new + (v_new - v[i])
+    v[i] = v_new
+    move(i, u, x, diverged)
