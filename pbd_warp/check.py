@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -78,6 +80,18 @@ def indices(name: str, values: Any, count: int) -> np.ndarray:
     if bad.size:
         raise InputError(f"{name} names particle {bad.flat[0]}, but there are {count} (0 to {count - 1})")
     return array.astype(np.int32)
+
+
+def folder(path: Path) -> None:
+    """Whether files can be made in a folder, found out by making one."""
+    if not path.is_dir():
+        raise InputError(f"the output folder {path} does not exist; make it first or name another")
+    probe = path / f".pbd-warp-{os.getpid()}"
+    try:
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise InputError(f"the output folder {path} cannot be written to: {error.strerror}") from None
 
 
 def _range(low: float, high: float, above: float) -> str:

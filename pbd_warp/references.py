@@ -84,6 +84,8 @@ def chain(
         return np.concatenate([v, g + w[:, None] * force]).ravel()
 
     start = np.concatenate([x0, v0]).ravel()
+    if times[-1] == 0.0:  # an interval of no length, which the integrator does not take
+        return np.tile(x0, (len(times), 1, 1)), np.tile(v0, (len(times), 1, 1))
     solution = solve_ivp(rate, (0.0, times[-1]), start, "DOP853", t_eval=times, rtol=rtol, atol=atol)
     if not solution.success:
         raise ArithmeticError(f"the reference of the chain could not be integrated: {solution.message}")

@@ -44,6 +44,7 @@ class RunStats:
     particles: int
     constraints: int
     out: str
+    unconverged: int
 
     def save(self, path: Path) -> None:
         path.write_text(json.dumps(vars(self), indent=2) + "\n")
@@ -71,7 +72,7 @@ def run(
     """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
 
     Args:
-        on_frame: Called with each frame's number once it is written. A KeyboardInterrupt from it ends the run.
+        on_frame: Called after each frame with how many are written. A KeyboardInterrupt from it ends the run.
 
     Raises:
         InputError: before anything is simulated or written.
@@ -85,14 +86,14 @@ def run(
         "scene": scene.name,
         "device": str(model.device),
         "dtype": model.dtype,
-        "method": type(scene.method).__name__.lower(),
+        "method": scene.method.name,
         "integrator": scene.integrator,
         "substeps": scene.substeps,
         "iterations": scene.method.iterations,
     }
     now = measure(sim)
     energy_start, worst_stretch, worst_residual = now.energy, now.max_stretch, now.residual
-    wall = 0.0
+    wall, unconverged = 0.0, 0
     writer = UsdWriter(out, model, scene.fps, {"version": pbd_warp.__version__, **settings})
     with _say_what_is_kept(writer), writer:
         for frame in range(frames):
@@ -105,8 +106,9 @@ def run(
                 now = measure(sim)
                 worst_stretch = max(worst_stretch, now.max_stretch)
                 worst_residual = max(worst_residual, now.residual)
+                unconverged += sim.unconverged
             writer.write(sim.state)
-            on_frame(frame)
+            on_frame(frame + 1)
     return RunStats(
         **settings,
         frames=frames,
@@ -119,6 +121,7 @@ def run(
         particles=model.particle_count,
         constraints=model.constraint_count,
         out=str(out),
+        unconverged=unconverged,
     )
 
 

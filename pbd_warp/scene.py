@@ -7,11 +7,13 @@ import importlib.util
 import inspect
 import pkgutil
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+import numpy as np
 
 import pbd_warp.scenes
 from pbd_warp import check
@@ -25,7 +27,8 @@ class Scene:
     """What a scene file's function `scene()` returns.
 
     builder: The particle graph. frames, fps: Length and rate of the animation. substeps, method, integrator,
-    damping: As in Simulation. drag: The recorded drag, see Drag. name: The file's, filled in by `load_scene`.
+    damping: As in Simulation. drag: The recorded drag, see Drag. reference: Exact positions [m] at a time [s], shape
+    [particle_count, 3], where they are known; reference_text: where from. name: The file's, filled in by `load_scene`.
     """
 
     builder: ModelBuilder
@@ -36,6 +39,8 @@ class Scene:
     integrator: str = "pbd"
     damping: float = 0.0
     drag: Sequence[Sequence[Any]] = ()
+    reference: Callable[[float], np.ndarray] | None = None
+    reference_text: str = ""
     name: str = ""
 
 
@@ -49,17 +54,26 @@ def scene_summary(name: str) -> str:
     return (_builtin(name).__doc__ or "").strip().splitlines()[0]
 
 
-def load_scene(name: str, seed: int | None = None) -> Scene:
+def references() -> ModuleType:
+    """pbd_warp.references, for the scenes that need it; it needs SciPy."""
+    try:
+        return importlib.import_module("pbd_warp.references")
+    except ImportError as error:
+        raise InputError(f"exact references need SciPy: pip install 'pbd-warp[chart]' ({error})") from None
+
+
+def load_scene(name: str, seed: int | None = None, settings: Mapping[str, str] | None = None) -> Scene:
     """Build a scene by its name, or from a file of the user's own (anything that ends in .py).
 
     Args:
         seed: For scenes with something random in them (those whose `scene` takes a seed).
+        settings: Values, as text, of other parameters that the scene's function takes.
     """
     module = _from_file(Path(name)) if name.endswith(".py") else _builtin(name)
     build = getattr(module, "scene", None)
     if not callable(build):
         raise InputError(f"scene {name} has no function scene(); it should return a pbd_warp.Scene")
-    options = {}
+    options = _parse_settings(name, build, settings or {})
     if seed is not None:
         if "seed" not in inspect.signature(build).parameters:
             raise InputError(f"scene {name} has nothing random in it: leave the seed out")
@@ -74,6 +88,24 @@ def load_scene(name: str, seed: int | None = None) -> Scene:
         raise InputError(f"scene {name}: scene() must return a pbd_warp.Scene, not {type(scene).__name__}")
     scene.name = Path(name).stem
     return scene
+
+
+def _parse_settings(name: str, build: Callable[..., Any], settings: Mapping[str, str]) -> dict[str, Any]:
+    """Each text as the type that the parameter's default has."""
+    known = {key: p.default for key, p in inspect.signature(build).parameters.items() if p.default is not p.empty}
+    options: dict[str, Any] = {}
+    for key, text in settings.items():
+        if key not in known:
+            raise (
+                unknown(f"setting of scene {name}", key, known)
+                if known
+                else InputError(f"scene {name} has no settings")
+            )
+        try:
+            options[key] = type(known[key])(text)
+        except ValueError:
+            raise InputError(f"setting {key} of scene {name} must be like {known[key]!r}, not {text!r}") from None
+    return options
 
 
 def _builtin(name: str) -> ModuleType:

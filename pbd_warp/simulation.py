@@ -114,6 +114,18 @@ class Simulation:
         self.frame += 1
         self._check_frame()
 
+    def reset(self) -> None:
+        """Back to the initial state: what comes then is what came the first time."""
+        self.release()
+        self.state.x.assign(self.model.x)
+        self.state.v.assign(self.model.v)
+        self.diverged.fill_(FINITE)
+        if self.contacts:
+            self.contacts.needed.zero_()
+        self.integrator.restart()
+        self.solver.restart()
+        self.frame = 0
+
     @property
     def time(self) -> float:
         """Simulated time [s]."""

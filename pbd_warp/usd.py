@@ -37,20 +37,8 @@ def check_path(path: str | os.PathLike[str]) -> Path:
         raise InputError(f"{out} must end in one of {', '.join(EXTENSIONS)}, not in {out.suffix or 'nothing'!r}")
     if out.is_dir():
         raise InputError(f"{out} is a folder; name a file in it")
-    check_folder(out.parent)
+    check.folder(out.parent)
     return out
-
-
-def check_folder(folder: Path) -> None:
-    """Whether files can be made in a folder, found out by making one."""
-    if not folder.is_dir():
-        raise InputError(f"the output folder {folder} does not exist; make it first or name another")
-    probe = folder / f".pbd-warp-{os.getpid()}"
-    try:
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise InputError(f"the output folder {folder} cannot be written to: {error.strerror}") from None
 
 
 class UsdWriter:

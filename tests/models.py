@@ -5,6 +5,9 @@ from pxr import Usd, UsdGeom
 
 import pbd_warp as pbd
 
+FOUR_SCENES = ("worm", "collision", "point", "rope")
+"""Those with a drag; the others are for studies, with a reference."""
+
 
 def rope_model(n=6, dtype="float64", gravity=(0, -9.81, 0), pinned=(0,), **kwargs):
     builder = pbd.ModelBuilder(gravity=gravity)

@@ -1,8 +1,10 @@
 """What each scene promises to show, and scene files of the user's own."""
 
+import sys
+
 import numpy as np
 import pytest
-from models import state
+from models import FOUR_SCENES, state
 
 import pbd_warp as pbd
 from pbd_warp.run import make_simulation
@@ -12,7 +14,7 @@ from pbd_warp.run import make_simulation
 def runs():
     """Every scene to its end, at its own settings: (scene, positions [frames, n, 3], measures of every frame)."""
     done = {}
-    for name in pbd.scene_names():
+    for name in FOUR_SCENES:
         scene = pbd.load_scene(name)
         sim = make_simulation(scene, scene.builder.finalize())
         drag = pbd.Drag(scene.drag)
@@ -32,7 +34,7 @@ def frame_at(scene, gesture):
 
 
 def test_all_scenes_are_known_and_have_a_drag(runs):
-    assert set(runs) >= {"worm", "collision", "point", "rope"}
+    assert set(pbd.scene_names()) > set(runs)
     for scene, _, _ in runs.values():
         assert [gesture[1] for gesture in (scene.drag[0], scene.drag[-1])] == ["select", "deselect"]
 
@@ -102,10 +104,38 @@ def test_the_rope_swings_whips_and_comes_to_hang(runs):
     assert speed[-1].max() < 0.1
 
 
-@pytest.mark.parametrize("name", pbd.scene_names())
+@pytest.mark.parametrize("name", FOUR_SCENES)
 def test_no_particle_ever_jumps(runs, name):
     _, x, _ = runs[name]
     assert np.linalg.norm(np.diff(x, axis=0), axis=2).max() < 0.25
+
+
+@pytest.mark.parametrize("name", sorted(set(pbd.scene_names()) - set(FOUR_SCENES)))
+def test_study_scenes_stay_close_to_their_reference(name):
+    """At their own settings, after one second, within 1 mm of what is exactly known."""
+    scene = pbd.load_scene(name)
+    sim = make_simulation(scene, scene.builder.finalize(dtype="float64"))
+    for _ in range(60):
+        sim.step()
+    error = np.abs(state(sim)[0] - scene.reference(1.0)).max()
+    assert error < 1e-3
+    np.testing.assert_allclose(scene.reference(0.0), sim.model.x, atol=1e-12)
+
+
+def test_settings_of_a_scene():
+    assert pbd.load_scene("chain", settings={"links": "4"}).builder.particle_count == 5
+    with pytest.raises(pbd.InputError, match="unknown setting of scene chain 'link': there is links; did you mean"):
+        pbd.load_scene("chain", settings={"link": "4"})
+    with pytest.raises(pbd.InputError, match="setting links of scene chain must be like 9, not 'four'"):
+        pbd.load_scene("chain", settings={"links": "four"})
+    with pytest.raises(pbd.InputError, match="scene rope has no settings"):
+        pbd.load_scene("rope", settings={"links": "4"})
+
+
+def test_without_scipy_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pbd_warp.references", None)
+    with pytest.raises(pbd.InputError, match=r"references need SciPy: pip install 'pbd-warp\[chart\]'"):
+        pbd.load_scene("catenary")
 
 
 def test_a_seed_changes_what_is_random_and_only_that():

@@ -36,8 +36,8 @@ class Direct:
     With contacts a substep makes `iterations` rounds of one Jacobi sweep over the contacts and a Newton solution.
 
     Raises:
-        InputError: iterations < 1, tolerance <= 0; when bound to a simulation: a graph that branches or closes, a
-            stiffness below 1, a rest length of 0, two point constraints at one particle.
+        InputError: iterations < 1, tolerance <= 0; when bound to a simulation: a graph that branches or closes or has
+            no distances, a stiffness below 1, a rest length of 0, two point constraints at one particle.
     """
 
     name: ClassVar[str] = "direct"
@@ -95,6 +95,10 @@ class DirectSolver:
         if sim.contacts:
             self._correction = sim.allocate("direct.correction", model.particle_count, sim.vec3)
 
+    def restart(self) -> None:
+        """Forget the multipliers, which a step takes from the one before as a first guess."""
+        self._lam.zero_()
+
     def solve(self) -> None:
         sim = self._sim
         sim.launch.copy(self._base, sim.u)
@@ -123,6 +127,8 @@ class DirectSolver:
 
 
 def _refuse(model: Model) -> None:
+    if not len(model.distance):
+        raise InputError("method 'direct' solves distances, and this model has none: use 'jacobi' or 'gauss-seidel'")
     if np.any(model.distance.stiffness < 1.0) or np.any(model.point.stiffness < 1.0):
         raise InputError("method 'direct' solves exactly: soften with compliance instead of a stiffness below 1")
     if np.any(model.distance.rest_length == 0.0):

@@ -65,6 +65,9 @@ class GaussSeidelSolver:
         if sim.contacts:
             self._correction = sim.allocate("gauss_seidel.correction", sim.model.particle_count, sim.vec3)
 
+    def restart(self) -> None:
+        """Nothing is kept from step to step."""
+
     def solve(self) -> None:
         contacts = [self._sim.contacts] if self._sim.contacts else []
         if not self._groups and not contacts:

@@ -110,6 +110,9 @@ class JacobiSolver:
             self._omega = sim.upload("jacobi.omega", chebyshev_factors(rho, method.iterations))
             self._u_before = sim.allocate("jacobi.u_before", model.particle_count, sim.vec3)
 
+    def restart(self) -> None:
+        """Nothing is kept from step to step."""
+
     def solve(self) -> None:
         if not self._constraints:
             return
