@@ -29,7 +29,8 @@ def add_corrections_accelerated(
     # In:
     divisor: wp.array[wp.int32],  # as above
     omega: wp.array[Real],  # factor of each iteration
-    count: wp.array[wp.int32],  # [1] index into omega, or None: its first
+    count: wp.array[wp.int32],  # [1] this iteration, counted from 1, or None: the first of omega
+    another: wp.array[wp.int32],  # [1] 0: this is the last, or None: not known here
     # Out:
     correction: wp.array[Vec3],  # [particle_count] taken and set to zero
     u_before: wp.array[Vec3],  # [particle_count] of the iteration before this one
@@ -43,10 +44,13 @@ def add_corrections_accelerated(
     delta = correction[i]
     if divisor:
         delta = delta / Real(wp.max(divisor[i], 1))
-    which = int(0)
+    factor = omega[0]
     if count:
-        which = count[0]
+        factor = omega[count[0] - 1]
+        if another[0] == 0:
+            # The residual that ended the iteration was met before this update, which must not raise it again.
+            factor = Real(1.0)
     before = u_before[i]
     u_before[i] = u[i]
-    u[i] = omega[which] * (u[i] + delta - before) + before
+    u[i] = factor * (u[i] + delta - before) + before
     correction[i] = Vec3()

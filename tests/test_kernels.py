@@ -226,6 +226,16 @@ def test_damping_is_for_each_component_and_skips_fixed_particles(real, rng):
 
 
 @both_precisions
+def test_an_axis_without_inertia_does_not_turn(real):
+    """The inertia of a straight line and its momentum as rounding leaves them, and an ordinary body beside it."""
+    noise = 0.25 * np.finfo(real).eps
+    inertia = np.array([np.diag([1.0, 1.0, noise]), np.diag([1.0, 2.0, 4.0])])
+    momentum = np.array([[0.5, 0.0, 16.0 * noise], [1.0, 1.0, 1.0]])
+    omega = run(find_rotation, real, 2, momentum, inertia, 16.0 * np.finfo(real).eps, np.zeros((2, 3)))[-1]
+    np.testing.assert_allclose(omega, [[0.5, 0, 0], [1, 0.5, 0.25]], atol=tolerance(real))
+
+
+@both_precisions
 def test_sweep_midpoints(real):
     out = run(sweep_midpoints, real, 1, np.array([[1.0, 0, 0]]), np.array([[0.0, 3, 4]]), np.zeros((1, 3)), np.zeros(1))
     np.testing.assert_array_equal(out[2], [[1, 1.5, 2]])
@@ -333,6 +343,18 @@ def slide(real, mu, e, speed):
         np.array([[2.0, -1.0, 0]]), np.array([1]), np.zeros((1, 3)),
     )  # fmt: skip
     return (v + out[-1])[0]
+
+
+@both_precisions
+def test_particles_that_part_are_not_pulled_back(real):
+    """They overlapped and move apart: what the projection added goes, but nothing beyond."""
+    v = np.array([[3.0, 0, 0], [-3.0, 0, 0]])
+    out = run(
+        bounce, real, 1, 0.0, 1.0, np.zeros(0), np.zeros(0), 0.0, np.array([[1.0, 0, 0], [0, 0, 0]]), v, np.ones(2),
+        np.array([1]), np.array([[0, 1]]), np.zeros((1, 3)), np.array([0.5]),
+        np.array([[0.5, 0, 0], [-0.5, 0, 0]]), np.array([1, 1]), np.zeros((2, 3)),
+    )  # fmt: skip
+    np.testing.assert_array_equal(v + out[-1], 0.0)
 
 
 @both_precisions

@@ -202,6 +202,18 @@ def test_a_sliding_particle_is_slowed_by_coulomb_friction():
         assert state(sim)[1][0, 0] == pytest.approx(max(2.0 - frame / 60 * mu * g, 0.0), abs=1e-12)
 
 
+def test_a_perfectly_elastic_ball_at_rest_stays_at_rest():
+    """What gravity adds in a step is no impact; without the threshold it would bounce for ever."""
+    builder = pbd.ModelBuilder()
+    builder.add_particle((0, 0.1, 0), radius=0.1)
+    builder.add_plane((0, 0, 0), (0, 1, 0), restitution=1.0)
+    sim = pbd.Simulation(builder.finalize(dtype="float64"))
+    for _ in range(20):
+        sim.step()
+        assert abs(state(sim)[1][0, 1]) < 1e-12
+    assert state(sim)[0][0, 1] == pytest.approx(0.1, abs=1e-12)
+
+
 @pytest.mark.parametrize(("slope", "moves"), [(0.28, False), (0.32, True)])
 def test_a_particle_rests_on_a_slope_below_the_angle_of_friction(slope, moves):
     builder = pbd.ModelBuilder()

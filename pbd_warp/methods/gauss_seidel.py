@@ -74,16 +74,18 @@ class GaussSeidelSolver:
             return
         for constraint in (*self._groups, *contacts):
             constraint.begin()
-        self._iterations.run(self._sweep)
+        self._iterations.run(self._project, self._apply)
 
-    def _sweep(self, _: int) -> None:
+    def _project(self) -> None:
         sim = self._sim
-        residual = self._iterations.residual
         for group in self._groups:
-            group.project(sim.u, None, 1.0, residual, sim.u)
+            group.project(sim.u, None, 1.0, self._iterations.residual, sim.u)
         if sim.contacts:
-            sim.contacts.project(sim.u, sim.share, 1.0, residual, self._correction)
-            sim.launch(add_corrections, len(sim.u), None, self._correction, sim.u)
+            sim.contacts.project(sim.u, sim.share, 1.0, self._iterations.residual, self._correction)
+
+    def _apply(self, _: int) -> None:
+        if self._sim.contacts:
+            self._sim.launch(add_corrections, len(self._sim.u), None, self._correction, self._sim.u)
 
 
 def colours(edge: np.ndarray) -> list[np.ndarray]:

@@ -16,37 +16,41 @@ if TYPE_CHECKING:
 class Iterations:
     """Runs sweeps; with a tolerance the device decides after each whether there is another one.
 
-    residual: What sweeps write the largest |C| to, None without a tolerance. count: The number of this sweep on the
-    device, None where the host knows it.
+    residual: What sweeps write the largest |C| to. count: This iteration on the device, from 1. another: Whether there
+    is another one. All None without a tolerance.
     """
 
     def __init__(self, sim: Simulation, iterations: int, tolerance: float | None):
         self._sim = sim
         self._iterations = iterations
         self._tolerance = tolerance
-        self.residual = self.count = None
+        self.residual = self.count = self.another = None
         if tolerance is not None:
             self.residual = sim.allocate("iteration.residual", 1, sim.real)
             self.count = sim.allocate("iteration.count", 1, wp.int32)
-            self._another = sim.allocate("iteration.another", 1, wp.int32)
+            self.another = sim.allocate("iteration.another", 1, wp.int32)
             self._counters = sim.count_iterations()
 
-    def run(self, sweep: Callable[[int], None]) -> None:
-        """`sweep(k)` makes iteration k; with a tolerance k is always 0, and `count` on the device says which it is."""
+    def run(self, project: Callable[[], None], apply: Callable[[int], None]) -> None:
+        """`project()` evaluates the constraints, `apply(k)` then moves the particles by what came out in iteration k.
+
+        With a tolerance k is always 0, and `count` on the device says which iteration it is.
+        """
         if self._tolerance is None:
             for k in range(self._iterations):
-                sweep(k)
+                project()
+                apply(k)
             return
         launch = self._sim.launch
-        launch(begin_iterations, 1, self.count, self._another, self.residual)
-        launch.loop(self._another, lambda: self._sweep_and_decide(sweep))
+        launch(begin_iterations, 1, self.count, self.another, self.residual)
+        launch.loop(self.another, lambda: self._iterate(project, apply))
 
-    def _sweep_and_decide(self, sweep: Callable[[int], None]) -> None:
-        sim = self._sim
-        sweep(0)
-        sim.launch(
+    def _iterate(self, project: Callable[[], None], apply: Callable[[int], None]) -> None:
+        project()
+        self._sim.launch(
             end_iteration,
             1,
             *(self._tolerance, self._iterations),
-            *(self.residual, self.count, self._another, *self._counters),
+            *(self.residual, self.count, self.another, *self._counters),
         )
+        apply(0)

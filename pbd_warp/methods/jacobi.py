@@ -118,20 +118,23 @@ class JacobiSolver:
             return
         for constraint in self._constraints:
             constraint.begin()
-        self._iterations.run(self._sweep)
+        self._iterations.run(self._project, self._apply)
 
-    def _sweep(self, k: int) -> None:
-        sim = self._sim
-        residual = self._iterations.residual
+    def _project(self) -> None:
         for constraint in self._constraints:
-            constraint.project(sim.u, self._share, self._method.relaxation, residual, self._correction)
+            constraint.project(
+                *(self._sim.u, self._share, self._method.relaxation), self._iterations.residual, self._correction
+            )
+
+    def _apply(self, k: int) -> None:
+        sim = self._sim
         if self._omega is None:
             sim.launch(add_corrections, len(sim.u), self._divisor, self._correction, sim.u)
         else:
             sim.launch(
                 add_corrections_accelerated,
                 len(sim.u),
-                *(self._divisor, self._omega[k:], self._iterations.count),
+                *(self._divisor, self._omega[k:], self._iterations.count, self._iterations.another),
                 *(self._correction, self._u_before, sim.u),
             )
 
