@@ -72,6 +72,13 @@ def update_bdf2(
 
 
 @kernel
-def remember(history: wp.array[wp.int32]):
+def remember(
+    # In:
+    per_force_then: Real,  # of all steps but the first [1/s^2]
+    # Out:
+    history: wp.array[wp.int32],  # [1]
+    per_force: wp.array[Real],  # [1] [1/s^2]
+):
     """From now on there is a step before."""
     history[0] = 1
+    per_force[0] = per_force_then

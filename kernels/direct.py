@@ -59,11 +59,12 @@ def solve_paths(
     w: wp.array[Real],
     # In:
     base: wp.array[Vec3],  # [particle_count] displacement without constraints [m]
-    per_force: Real,  # 1 / the integrator's force scale [1/s^2]
+    per_force: wp.array[Real],  # [1] 1 / the integrator's force scale [1/s^2]
     mean_gradient: wp.bool,  # force along the mean of the configurations before and after the step
     lam_scale: Real,  # takes lam of the step before to this step's force scale
     iterations: wp.int32,
     tolerance: Real,  # [m]
+    round_off: Real,  # of one operation, relative
     # Scratch, all [path particles]:
     inverse: wp.array[Mat33],
     solution: wp.array[Vec3],
@@ -91,6 +92,7 @@ def solve_paths(
 
     used = int(0)
     error = Real(tolerance + Real(1.0))
+    step_before = Real(0.0)
     while used < iterations and error > tolerance:
         used = used + 1
 
@@ -125,7 +127,7 @@ def solve_paths(
                 j = vertex[s + 1]
                 soft = zero
                 if compliance:
-                    soft = compliance[s] * per_force
+                    soft = compliance[s] * per_force[0]
                 stretch, n_s, g_s, size, a_s = distance_over_step(
                     x[i] - x[j], u[i] - u[j], rest_length[s], soft, mean_gradient
                 )
@@ -153,7 +155,7 @@ def solve_paths(
                 b = b - ((u[i] - base[i]) / w_i - force)
                 if point:
                     if point[s] >= 0:
-                        spring = Real(1.0) / (point_compliance[point[s]] * per_force)
+                        spring = Real(1.0) / (point_compliance[point[s]] * per_force[0])
                         away = x[i] - target[point[s]] + u[i]
                         if mean_gradient:
                             spring = Real(0.5) * spring
@@ -177,6 +179,8 @@ def solve_paths(
 
         # Back. What is left after a Newton step is of second order in it, so the step itself tells.
         error = Real(0.0)
+        step = Real(0.0)
+        largest = Real(0.0)
         du = Vec3()
         dlam = Real(0.0)
         weight = Real(0.0)
@@ -197,8 +201,14 @@ def solve_paths(
             du = change
             dlam = lam_solution[s] + wp.dot(lam_gain[s], pull)
             u[i] = u[i] + du
+            step = wp.max(step, wp.length(du))
+            largest = wp.max(largest, wp.length(u[i]))
             if s > begin:
                 lam[s - 1] = lam[s - 1] + dlam
+        # Quadratic convergence ends where rounding, which adds up along the path, makes the step.
+        if step <= round_off * Real(end - begin) * largest and step > Real(0.25) * step_before:
+            error = Real(0.0)
+        step_before = step
     wp.atomic_add(iterations_used, 0, used)
     if error > tolerance:
         wp.atomic_add(unconverged, 0, 1)

@@ -70,7 +70,7 @@ def project_distance(
     u: wp.array[Vec3],  # [particle_count] [m]
     share: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: masses are not split
     relaxation: Real,
-    per_force: Real,  # 1 / the integrator's force scale [1/s^2]: compliance times it is XPBD's alpha~
+    per_force: wp.array[Real],  # [1] 1 / the integrator's force scale [1/s^2]: compliance times it is XPBD's alpha~
     mean_gradient: wp.bool,  # force along the mean of the configurations before and after the step
     # Out:
     lam: wp.array[Real],  # [edge_count] multiplier [kg m], only with compliance
@@ -89,7 +89,7 @@ def project_distance(
     if weight > Real(0.0):
         soft = Real(0.0)
         if compliance:
-            soft = compliance[k] * per_force
+            soft = compliance[k] * per_force[0]
         c, n, g, size, a = distance_over_step(x[i] - x[j], u[i] - u[j], rest_length[k], soft, mean_gradient)
         if compliance:
             c = c + a * lam[k]

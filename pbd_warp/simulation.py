@@ -94,8 +94,9 @@ class Simulation:
         self.share = self.allocate("share", model.particle_count, wp.int32) if self.contacts else self.valence
         self.damper = Damper(self) if self.damping > 0.0 else None
         self.integrator: Integrator = INTEGRATORS[integrator](self)
-        # Of the stage that is being launched: 1 / force scale [1/s^2], and force scale / that of the stage before.
-        self.per_force = self.lam_scale = 0.0
+        # Of the stage that is being launched: the integrator's, and (its length / that of the stage before)^2.
+        self.per_force: wp.array = self.integrator.per_force(0)
+        self.lam_scale = 1.0
         self.solver = self.method.bind(self)
 
         self.compile_seconds = self._load_kernels()
@@ -191,16 +192,12 @@ class Simulation:
         """One step of the integrator; `remaining` substeps are left in the frame, this one included."""
         stages = self.integrator.stages
         for number, stage in enumerate(stages):
-            self._run_stage(
-                dt=stage * self.substep_dt,
-                dt_before=stages[number - 1] * self.substep_dt,  # of the first: the last, one step ago
-                part=stage / (sum(stages[number:]) + remaining - 1),
-            )
+            self.per_force = self.integrator.per_force(number)
+            self.lam_scale = (stage / stages[number - 1]) ** 2  # before the first: the last, one step ago
+            self._run_stage(stage * self.substep_dt, part=stage / (sum(stages[number:]) + remaining - 1))
 
-    def _run_stage(self, dt: float, dt_before: float, part: float) -> None:
+    def _run_stage(self, dt: float, part: float) -> None:
         """One pass of the paper's loop, lines 5-16. The grabbed particle goes `part` of the way that it has left."""
-        self.per_force = 1.0 / self.integrator.force_scale(dt)
-        self.lam_scale = self.integrator.force_scale(dt) * (1.0 / self.integrator.force_scale(dt_before))
         if self.damper:
             self.damper.accelerate_and_damp(dt)  # (5), (6)
         self.integrator.predict(dt, part)  # (5) where there is no line 6, (7)

@@ -62,7 +62,7 @@ def test_project_distance(real, graph, soft, relaxation):
     optional = (k, alpha) if soft else (None, None)
     out = run(
         project_distance, real, m, edge, rest, *optional, x, w, u, share, relaxation,
-        1.0, False, lam if soft else None, np.zeros(1), np.zeros((n, 3)),
+        np.ones(1), False, lam if soft else None, np.zeros(1), np.zeros((n, 3)),
     )  # fmt: skip
     before = lam if soft else np.zeros(m)
     move, lam = distance_oracle(edge, rest, k, alpha, x, w, u, share, relaxation, before)
@@ -82,8 +82,8 @@ def test_project_distance(real, graph, soft, relaxation):
 def test_project_distance_without_mass_splitting_divides_by_the_plain_weight(real):
     edge, x = np.array([[0, 1], [1, 2]]), np.array([[0.0, 0, 0], [2, 0, 0], [4, 0, 0]])
     out = run(
-        project_distance, real, 2, edge, np.ones(2), None, None, x, np.ones(3), np.zeros((3, 3)), None, 1.0, 1.0,
-        False, None, None, np.zeros((3, 3)),
+        project_distance, real, 2, edge, np.ones(2), None, None, x, np.ones(3), np.zeros((3, 3)), None, 1.0,
+        np.ones(1), False, None, None, np.zeros((3, 3)),
     )  # fmt: skip
     np.testing.assert_array_equal(out[-1], [[0.5, 0, 0], [0, 0, 0], [-0.5, 0, 0]])
 
@@ -93,7 +93,7 @@ def test_project_distance_leaves_a_pair_of_fixed_particles(real):
     x = np.array([[0.0, 0, 0], [2, 0, 0]])
     out = run(
         project_distance, real, 1, np.array([[0, 1]]), np.ones(1), None, None, x, np.zeros(2), np.zeros((2, 3)), None,
-        1.0, 1.0, False, None, None, np.zeros((2, 3)),
+        1.0, np.ones(1), False, None, None, np.zeros((2, 3)),
     )  # fmt: skip
     np.testing.assert_array_equal(out[-1], 0.0)
 
@@ -109,7 +109,7 @@ def test_project_point(real, graph, soft):
     k, alpha, lam = (0.75, 0.5, np.full((m, 3), 0.25)) if soft else (1.0, 0.0, np.zeros((m, 3)))
     optional = (np.full(m, k), np.full(m, alpha)) if soft else (None, None)
     out = run(
-        project_point, real, m, particle, target, *optional, x, w, u, share, 1.0, 1.0, False,
+        project_point, real, m, particle, target, *optional, x, w, u, share, 1.0, np.ones(1), False,
         lam if soft else None, None, np.zeros((n, 3)),
     )  # fmt: skip
     move = np.zeros((n, 3))

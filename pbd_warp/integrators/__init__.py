@@ -1,5 +1,5 @@
 """How velocity becomes position and back. An integrator has `order`, the lengths of its `stages` relative to a step,
-`mean_gradient` (forces along the mean of the configurations before and after), `force_scale(dt)`, and for each stage
+`mean_gradient` (forces along the mean of the configurations before and after), `per_force(stage)`, and for each stage
 `predict(dt, part)` (lines 5-7) and `update(dt)` (lines 12-15); `restart()` forgets the past."""
 
 from pbd_warp.integrators.bdf2 import BDF2

@@ -32,11 +32,12 @@ class BDF2:
         self._history = sim.allocate("bdf2.history", 1, wp.int32)
         self._u_before = sim.allocate("bdf2.u_before", n, sim.vec3)
         self._v_before = sim.allocate("bdf2.v_before", n, sim.vec3)
+        self._first_per_force = 1.0 / sim.substep_dt**2
+        self._per_force = sim.upload("per_force", [self._first_per_force])
 
-    @staticmethod
-    def force_scale(dt: float) -> float:
-        """Of all steps but the first, in which a compliance thus counts as 9/4 of itself."""
-        return 4.0 * dt * dt / 9.0
+    def per_force(self, stage: int) -> wp.array:
+        """1 / dt^2 in the first step, 9 / (4 dt^2) after it."""
+        return self._per_force
 
     def predict(self, dt: float, part: float) -> None:
         sim = self._sim
@@ -56,7 +57,8 @@ class BDF2:
             *(sim.w, sim.u, dt, self._history),
             *(self._u_before, self._v_before, sim.state.x, sim.state.v, sim.diverged),
         )
-        sim.launch(remember, 1, self._history)
+        sim.launch(remember, 1, 9.0 / 4.0 * self._first_per_force, self._history, self._per_force)
 
     def restart(self) -> None:
         self._history.zero_()
+        self._per_force.fill_(self._first_per_force)

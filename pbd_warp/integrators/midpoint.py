@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import warp as wp
+
 from pbd_warp.integrators.second_order import refuse_what_spoils_the_order
 from pbd_warp.kernels.midpoint import predict_midpoint, update_midpoint
 
@@ -27,10 +29,14 @@ class Midpoint:
         refuse_what_spoils_the_order(self.name, sim)
         self._sim = sim
         self._gravity = sim.vec3(*sim.model.gravity)
+        self._per_force = [
+            sim.upload(f"per_force.{number}", [2.0 / (stage * sim.substep_dt) ** 2])
+            for number, stage in enumerate(self.stages)
+        ]
 
-    @staticmethod
-    def force_scale(dt: float) -> float:
-        return 0.5 * dt * dt
+    def per_force(self, stage: int) -> wp.array:
+        """2 / dt^2, with the dt of the stage."""
+        return self._per_force[stage]
 
     def predict(self, dt: float, part: float) -> None:
         sim = self._sim

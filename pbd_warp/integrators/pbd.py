@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import warp as wp
+
 from pbd_warp.kernels.integrate import predict, update
 
 if TYPE_CHECKING:
@@ -24,11 +26,11 @@ class PBD:
     def __init__(self, sim: Simulation):
         self._sim = sim
         self._gravity = sim.vec3(*sim.model.gravity)
+        self._per_force = sim.upload("per_force", [1.0 / sim.substep_dt**2])
 
-    @staticmethod
-    def force_scale(dt: float) -> float:
-        """What a force over mass is multiplied by on its way to the displacement of a step of dt [s^2]."""
-        return dt * dt
+    def per_force(self, stage: int) -> wp.array:
+        """1 over what a force over mass is multiplied by on its way to the displacement, [1] on the device [1/s^2]."""
+        return self._per_force
 
     def predict(self, dt: float, part: float) -> None:
         """Lines 5 and 7. `part`: of the way to its target that the grabbed particle goes in this step."""

@@ -31,7 +31,8 @@ class Direct:
     Args:
         iterations: Newton iterations a substep at most.
         tolerance: Stop when what is left of |C| and of the momentum balance, estimated from the step just made, is
-            under it [m]; None: round-off, 16 machine epsilons of the longest link.
+            under it [m]; None: 16 machine epsilons of the longest link. It stops too when its steps are at round-off
+            and shrink no more.
 
     With contacts a substep makes `iterations` rounds of one Jacobi sweep over the contacts and a Newton solution.
 
@@ -89,8 +90,8 @@ class DirectSolver:
         self._scratch = [sim.allocate(f"direct.{name}", place, dtype) for name, dtype in scratch.items()]
         self._lam = sim.allocate("direct.lam", place, sim.real)
         longest = float(edges.rest_length.max(initial=0.0)) or 1.0
-        round_off = ROUND_OFF * float(np.finfo(model.dtype).eps) * longest
-        self._tolerance = method.tolerance if method.tolerance is not None else round_off
+        self._round_off = ROUND_OFF * float(np.finfo(model.dtype).eps)
+        self._tolerance = method.tolerance if method.tolerance is not None else self._round_off * longest
         self._counters = sim.count_iterations()
         if sim.contacts:
             self._correction = sim.allocate("direct.correction", model.particle_count, sim.vec3)
@@ -120,7 +121,7 @@ class DirectSolver:
             *(self._point, self._target, self._point_compliance),
             *(sim.state.x, sim.w),
             *(self._base, sim.per_force, sim.integrator.mean_gradient, lam_scale),
-            *(self._method.iterations, self._tolerance),
+            *(self._method.iterations, self._tolerance, self._round_off),
             *self._scratch,
             *(self._lam, sim.u, *self._counters),
         )
