@@ -227,7 +227,7 @@ class Simulation:
         if particle != FINITE:
             raise SimulationFailed(
                 f"{at}: particle {particle} has left the finite numbers with {self.method} and "
-                f"{self.substeps} substeps; try more substeps, a smaller relaxation or averaging='mass-splitting'"
+                f"{self.substeps} substeps; {self.method.remedy}"
             )
         if self.contacts:
             needed = int(self.contacts.needed.numpy()[0])

@@ -44,4 +44,4 @@ def scene(seed: int = 1) -> pbd.Scene:
         (4.0, "move", (1.5, 1.0, 0)),
         (4.2, "deselect"),
     ]
-    return pbd.Scene(builder, frames=300, substeps=16, method=pbd.Jacobi(iterations=8), drag=drag)
+    return pbd.Scene(builder, frames=300, substeps=16, method=pbd.Jacobi(iterations=4), drag=drag)

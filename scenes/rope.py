@@ -28,4 +28,4 @@ def scene() -> pbd.Scene:
         (7.65, "move", (0.0, -0.997 * LENGTH, 0.0)),
         (8.15, "deselect"),
     ]
-    return pbd.Scene(builder, frames=600, substeps=32, method=pbd.Jacobi(iterations=4), damping=0.05, drag=drag)
+    return pbd.Scene(builder, frames=600, substeps=48, method=pbd.GaussSeidel(iterations=1), damping=0.05, drag=drag)

@@ -27,4 +27,4 @@ def scene() -> pbd.Scene:
         *((0.25 + t, "move", p) for t, p in zip(time[1:], path[1:], strict=True)),
         (4.75, "deselect"),
     ]
-    return pbd.Scene(builder, frames=300, substeps=32, method=pbd.Jacobi(iterations=4), damping=0.2, drag=drag)
+    return pbd.Scene(builder, frames=300, substeps=32, method=pbd.GaussSeidel(iterations=1), damping=0.2, drag=drag)

@@ -1,5 +1,6 @@
 """How constraints are projected (lines 9-11). A method is a frozen description with `name`, `iterations`, `tolerance`,
-`valence(model)` and `bind(sim)`; what `bind` returns has `solve()` and `restart()`, which forgets the past."""
+`remedy` (what to try when it diverges), `valence(model)` and `bind(sim)`; what `bind` returns has `solve()` and
+`restart()`, which forgets the past."""
 
 from pbd_warp.methods.direct import Direct
 from pbd_warp.methods.gauss_seidel import GaussSeidel

@@ -34,6 +34,8 @@ class Direct:
             under it [m]; None: 16 machine epsilons of the longest link. It stops too when its steps are at round-off
             and shrink no more.
 
+    Constraints that nothing can satisfy, such as a rope held further apart than its length, make it diverge.
+
     With contacts a substep makes `iterations` rounds of one Jacobi sweep over the contacts and a Newton solution.
 
     Raises:
@@ -42,6 +44,9 @@ class Direct:
     """
 
     name: ClassVar[str] = "direct"
+    remedy: ClassVar[str] = (
+        "a rope that is held further apart than its length has no solution for it: use 'jacobi' there, or a compliance"
+    )
 
     iterations: int = 30
     tolerance: float | None = None

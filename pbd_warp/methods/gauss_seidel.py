@@ -33,6 +33,7 @@ class GaussSeidel:
     """
 
     name: ClassVar[str] = "gauss-seidel"
+    remedy: ClassVar[str] = "try more substeps"
 
     iterations: int = 20
     tolerance: float | None = None

@@ -48,6 +48,7 @@ class Jacobi:
     """
 
     name: ClassVar[str] = "jacobi"
+    remedy: ClassVar[str] = "try more substeps, a smaller relaxation or averaging='mass-splitting'"
 
     iterations: int = 20
     relaxation: float = 1.0
