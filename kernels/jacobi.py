@@ -50,7 +50,9 @@ def add_corrections_accelerated(
         if another[0] == 0:
             # The residual that ended the iteration was met before this update, which must not raise it again.
             factor = Real(1.0)
-    before = u_before[i]
+    moved = u[i] + delta
+    if factor != Real(1.0):
+        moved = factor * (moved - u_before[i]) + u_before[i]
     u_before[i] = u[i]
-    u[i] = factor * (u[i] + delta - before) + before
+    u[i] = moved
     correction[i] = Vec3()

@@ -121,6 +121,8 @@ class Simulation:
         self.state.x.assign(self.model.x)
         self.state.v.assign(self.model.v)
         self.diverged.fill_(FINITE)
+        if self._points:
+            self._points.target.assign(self.model.point.target)
         if self.contacts:
             self.contacts.needed.zero_()
         self.integrator.restart()

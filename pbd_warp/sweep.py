@@ -45,7 +45,7 @@ class Sweep:
     methods: Sequence[str] = tuple(METHODS)
     integrators: Sequence[str] = tuple(INTEGRATORS)
     substeps: Sequence[int] = (1, 2, 4, 8, 16, 32, 64)
-    iterations: Sequence[int] = (1, 5, 25)
+    iterations: Sequence[int] = (1, 4, 16)
     dtypes: Sequence[str] = ("float32", "float64")
     repeat: int = 5
 

@@ -166,9 +166,43 @@ def test_float32_and_float64_in_one_process():
     assert 0.0 < difference < 1e-5
 
 
+ROPES = {
+    "jacobi": {"method": pbd.Jacobi(4)},
+    "tolerance": {"method": pbd.Jacobi(50, tolerance=1e-4)},
+    "chebyshev": {"method": pbd.Jacobi(20, chebyshev=0.5)},
+    "gauss-seidel": {"method": pbd.GaussSeidel(4)},
+    "direct": {"method": pbd.Direct(), "integrator": "midpoint4"},
+    "bdf2": {"method": pbd.Direct(), "integrator": "bdf2"},
+}
+
+
+@pytest.mark.parametrize("settings", ROPES)
+def test_after_a_reset_everything_comes_as_the_first_time(settings):
+    sim = pbd.Simulation(rope_model(9), substeps=2, **ROPES[settings])
+
+    def run():
+        for frame in range(6):
+            if frame == 2:
+                sim.grab(8)
+            if frame >= 2:
+                sim.move_to((0.8, 0.1 * frame, 0.0))
+            sim.step()
+        return sim.state.x.numpy().tobytes(), sim.state.v.numpy().tobytes(), sim.time
+
+    first = run()
+    sim.reset()
+    assert sim.time == 0.0
+    np.testing.assert_array_equal(state(sim)[0], sim.model.x)
+    assert run() == first
+
+
 @pytest.mark.parametrize("capture", [True, False])
-def test_a_frame_allocates_nothing(rng, capture, monkeypatch):
-    sim = pbd.Simulation(crowd_model(rng), damping=0.1, capture=capture)
+@pytest.mark.parametrize("settings", [*ROPES, "crowd"])
+def test_a_frame_allocates_nothing(rng, capture, settings, monkeypatch):
+    if settings == "crowd":
+        sim = pbd.Simulation(crowd_model(rng), damping=0.1, capture=capture)
+    else:
+        sim = pbd.Simulation(rope_model(), capture=capture, **ROPES[settings])
     sim.step()
     made = []
     device = sim.model.device
