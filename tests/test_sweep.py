@@ -80,7 +80,7 @@ class OnlyItself(Sweep):
 def test_scenes_without_a_reference_are_compared_with_themselves():
     sweep = Sweep(methods=("direct", "jacobi"), substeps=(2, 32), iterations=(4,), dtypes=("float64",), repeat=1)
     chart = sweep_scene(pbd.load_scene("rope"), sweep)
-    assert chart.info["reference"] == "its own run with direct, 512 substeps (16 times its default), float64"
+    assert chart.info["reference"] == "its own run with direct, 768 substeps (16 times its default), float64"
     # Damping is only for "pbd": the other integrators refuse, and are no rows.
     assert {r.integrator for r in chart.rows} == {"pbd"}
     error = {(r.method, r.substeps): r.position_error for r in chart.rows}
