@@ -1,8 +1,10 @@
-"""Makes the charts of all scenes again: docs/charts/SCENE.csv and .svg.
+"""Makes the charts of all scenes again, docs/charts/SCENE.csv and .svg, and the table in docs/methods.md from them.
 
-    pip install '.[chart]' && python docs/charts.py [SCENE ...]
+    pip install '.[chart]' && python docs/charts.py            # everything, some 15 minutes
+    python docs/charts.py rope chain                           # these scenes, then the table
+    python docs/charts.py none                                 # the table alone
 
-Each is `pbd-warp chart SCENE` at its defaults. On a quiet machine: what else runs is in the figures.
+Each chart is `pbd-warp chart SCENE` at its defaults. On a quiet machine: what else runs is in the figures.
 """
 
 import subprocess
@@ -10,10 +12,39 @@ import sys
 from pathlib import Path
 
 import pbd_warp as pbd
+from pbd_warp.chart import flags, load, pick
 
-HERE = Path(__file__).parent / "charts"
+HERE = Path(__file__).parent
+CHARTS = HERE / "charts"
+ERRORS = (1e-1, 1e-2, 1e-3, 1e-5)  # m
+BEGIN, END = "<!-- table: python docs/charts.py -->\n", "<!-- end of table -->\n"
 
-for scene in sys.argv[1:] or pbd.scene_names():
-    out = HERE / f"{scene}.svg"
+
+def measure(scene: str) -> None:
     command = "from pbd_warp.cli import main; main()"
+    out = CHARTS / f"{scene}.svg"
     subprocess.run([sys.executable, "-c", command, "chart", scene, "--out", str(out)], check=True)
+
+
+def table() -> str:
+    lines = ["| scene | within | cheapest settings | ms per simulated second |", "|---|---|---|---|"]
+    for scene in pbd.scene_names():
+        rows = load(CHARTS / f"{scene}.csv").rows
+        for error in ERRORS:
+            row = pick(rows, error)
+            what = f"`{flags(row)}` | {row.wall_ms_per_sim_second:.2g}" if row else "none measured | "
+            lines.append(f"| {scene} | {error:g} m | {what} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    for scene in sys.argv[1:] or pbd.scene_names():
+        if scene != "none":
+            measure(scene)
+    page = HERE / "methods.md"
+    before, rest = page.read_text().split(BEGIN)
+    page.write_text(before + BEGIN + table() + END + rest.split(END)[1])
+
+
+if __name__ == "__main__":
+    main()
