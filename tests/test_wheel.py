@@ -37,6 +37,7 @@ def test_contents(wheel):
     assert all(name.startswith("pbd_warp/") for name in names)
     expected = {f"pbd_warp/{p.relative_to(ROOT / 'pbd_warp')}" for p in (ROOT / "pbd_warp").rglob("*.py")}
     expected |= {f"pbd_warp/{p.relative_to(ROOT)}" for k in ("kernels", "scenes") for p in (ROOT / k).glob("*.py")}
+    expected |= {f"pbd_warp/charts/{p.name}" for p in (ROOT / "docs" / "charts").glob("*.csv")}
     assert set(names) == expected
 
 
