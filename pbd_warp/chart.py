@@ -85,6 +85,9 @@ def save(chart: Chart, path: str | Path) -> None:
     for key, value in chart.info.items():
         if ":" in key or key != key.strip() or any(mark in key + value for mark in "\r\n"):
             raise InputError(f"a chart's info must fit one line 'key: value', not {key!r}: {value!r}")
+    for row in chart.rows:
+        if any(mark in cell for cell in row.cells() for mark in "\r\n"):
+            raise InputError(f"a chart's row must fit one line, and that of scene {row.scene!r} does not")
     with open(path, "w", newline="", encoding="utf-8") as file:
         file.writelines(f"# {key}: {value}\n" for key, value in chart.info.items())
         writer = csv.writer(file, lineterminator="\n")

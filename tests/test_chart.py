@@ -48,7 +48,7 @@ def varied():
 
 
 numbers = st.floats()
-texts = st.text(st.characters(codec="utf-8"), max_size=8)
+texts = st.text(st.characters(codec="utf-8", exclude_characters="\r\n"), max_size=8)
 any_rows = st.builds(
     Row,
     *[texts] * 4,
@@ -86,6 +86,13 @@ def test_not_a_number_and_infinity_survive(tmp_path):
     assert set(loaded.rows) == set(chart.rows)
     assert math.isnan(loaded.rows[0].position_error)
     assert "# note:  # odd: \n" in (tmp_path / "chart.csv").read_text()
+
+
+@pytest.mark.parametrize("name", ["two\nlines", "two\rlines"])
+def test_names_that_would_not_come_back_are_refused(tmp_path, name):
+    with pytest.raises(InputError, match="must fit one line"):
+        save(Chart((row(scene=name),), INFO), tmp_path / "chart.csv")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("info", [{"a:b": "c"}, {" a": "c"}, {"a": "two\nlines"}, {"a\r": "c"}])
