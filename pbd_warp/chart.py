@@ -30,7 +30,7 @@ class Row:
     position_error: Distance to the reference [m]; nan or inf where the run diverged.
     max_stretch: Largest | |x_i - x_j| / rest_length - 1 |.
     energy_drift: Change of the total energy [J].
-    outcome: One of OUTCOMES.
+    outcome: One of OUTCOMES; "not converged": the method's own word, or a rigid link more than 10 % off its length.
 
     Rows are equal if they are written alike, so that nan equals nan.
     """

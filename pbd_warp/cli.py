@@ -305,8 +305,9 @@ def _table(stats: RunStats) -> str:
         "compile": f"{stats.compile_s:.2f} s",
         "max stretch": f"{100 * stats.max_stretch:.3g} %",
         "max residual": f"{stats.max_residual:.3g} m",
-        "converged": "every step" if stats.unconverged == 0 else f"NOT in {stats.unconverged} steps",
         "energy": f"{stats.energy_start:.6g} J at the start, {stats.energy_end:.6g} J at the end",
         "file": f"{stats.out}, {size / 1024:.0f} KiB",
     }
+    if stats.unconverged is not None:
+        rows["converged"] = f"all but {stats.unconverged} steps" if stats.unconverged else "every step"
     return "\n".join(f"{name:13} {value}" for name, value in rows.items())

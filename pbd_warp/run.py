@@ -25,7 +25,10 @@ from pbd_warp.usd import UsdWriter
 
 @dataclass(frozen=True)
 class RunStats:
-    """What a run was and how it went; the fields are the keys of `--stats FILE.json`."""
+    """What a run was and how it went; the fields are the keys of `--stats FILE.json`.
+
+    unconverged: Steps that ended above the method's tolerance, None where it has none.
+    """
 
     scene: str
     device: str
@@ -44,7 +47,7 @@ class RunStats:
     particles: int
     constraints: int
     out: str
-    unconverged: int
+    unconverged: int | None
 
     def save(self, path: Path) -> None:
         path.write_text(json.dumps(vars(self), indent=2) + "\n")
@@ -93,7 +96,8 @@ def run(
     }
     now = measure(sim)
     energy_start, worst_stretch, worst_residual = now.energy, now.max_stretch, now.residual
-    wall, unconverged = 0.0, 0
+    wall = 0.0
+    unconverged = sim.unconverged
     writer = UsdWriter(out, model, scene.fps, {"version": pbd_warp.__version__, **settings})
     with _say_what_is_kept(writer), writer:
         for frame in range(frames):
@@ -106,7 +110,8 @@ def run(
                 now = measure(sim)
                 worst_stretch = max(worst_stretch, now.max_stretch)
                 worst_residual = max(worst_residual, now.residual)
-                unconverged += sim.unconverged
+                if unconverged is not None:
+                    unconverged += sim.unconverged or 0
             writer.write(sim.state)
             on_frame(frame + 1)
     return RunStats(

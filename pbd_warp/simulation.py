@@ -43,7 +43,8 @@ class Simulation:
         point_target: Targets of the point constraints [m], Warp array [point_count], None where there are none; may be
             written between frames.
         iterations_used: Iterations of all steps of the last frame (with `Direct`, of all paths too).
-        unconverged: Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance.
+        unconverged: Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None where
+            it has none.
         frame: Frames done. time: the same in seconds.
         compile_seconds: What loading (and at first use compiling) the kernels took.
 
@@ -145,8 +146,8 @@ class Simulation:
         return int(self._iteration_counts.numpy()[0])
 
     @property
-    def unconverged(self) -> int:
-        return 0 if self._iteration_counts is None else int(self._iteration_counts.numpy()[1])
+    def unconverged(self) -> int | None:
+        return None if self._iteration_counts is None else int(self._iteration_counts.numpy()[1])
 
     @property
     def passes(self) -> list[str]:

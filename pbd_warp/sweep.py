@@ -34,6 +34,9 @@ SECONDS = 1.0
 FINER = 16
 """A scene without an exact reference is compared with itself at so many times the substeps, in float64."""
 
+STRETCHED = 0.1
+"""A rigid link further off its length than this counts as not converged, whatever the method says of itself."""
+
 SLOWEST = 4.0
 """A configuration that takes longer than this many seconds for a simulated one is not repeated."""
 
@@ -156,7 +159,7 @@ def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, 
         for _ in _frames(scene, sim, frames):
             stretch = max(stretch, measure(sim).max_stretch)
             iterations += sim.iterations_used
-            unconverged += sim.unconverged
+            unconverged += sim.unconverged or 0
         error = float(np.sqrt(np.mean(np.sum((sim.state.x.numpy() - reference) ** 2, axis=1))))
         drift = measure(sim).energy - before
         for _ in range(repeat):
@@ -168,7 +171,8 @@ def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, 
             walls.append(1e3 * (time.perf_counter() - start) / SECONDS)
             if walls[-1] > 1e3 * SLOWEST:
                 break
-        if unconverged:
+        rigid = not np.any(sim.model.distance.compliance > 0.0)
+        if unconverged or (rigid and stretch > STRETCHED):
             outcome = "not converged"
     except SimulationFailed:
         outcome = "diverged"

@@ -48,7 +48,7 @@ def test_run_writes_the_file_the_table_and_the_stats(tmp_path):
         *["constraints", "out", "unconverged"],
     ]
     given = {"scene": "rope", "dtype": "float64", "method": "jacobi", "integrator": "pbd", "substeps": 8}
-    given |= {"iterations": 3, "frames": 20, "particles": 21, "constraints": 21, "out": "r.usda"}
+    given |= {"iterations": 3, "frames": 20, "particles": 21, "constraints": 21, "out": "r.usda", "unconverged": None}
     assert {key: stats[key] for key in given} == given
     assert 0.0 < stats["max_stretch"] < 0.5
     assert stats["energy_end"] < stats["energy_start"]
@@ -56,7 +56,17 @@ def test_run_writes_the_file_the_table_and_the_stats(tmp_path):
     assert samples(tmp_path / "r.usda") == list(range(20))
     for word in ("frames", "ms a frame", "compile", "max stretch", "energy", "r.usda", "KiB"):
         assert word in result.stdout
+    assert "converged" not in result.stdout, "nobody asked it to"
     assert "\r" not in result.stdout + result.stderr, "no progress bar in a pipe"
+
+
+@pytest.mark.parametrize(("tolerance", "said"), [("1e-2", "every step"), ("1e-12", "all but 5 steps")])
+def test_run_says_whether_steps_converged(tmp_path, tolerance, said):
+    settings = ["--frames", 6, "--substeps", 1, "--iterations", 30, "--method", "jacobi", "--tolerance", tolerance]
+    result = call("run", "rope", *settings, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    (line,) = [line for line in result.stdout.splitlines() if line.startswith("converged")]
+    assert said in line
 
 
 def test_run_and_the_api_give_the_same_motion(tmp_path):

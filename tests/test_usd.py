@@ -2,6 +2,7 @@
 
 import errno
 import os
+import pathlib
 
 import numpy as np
 import pytest
@@ -219,6 +220,15 @@ def test_what_is_not_finite_is_not_written(tmp_path):
         writer.write(sim.state)
     writer.close()
     assert samples(tmp_path / "a.usda") == [0]
+
+
+def test_a_folder_that_cannot_be_written_to(tmp_path, monkeypatch):
+    def refuse(self):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+
+    monkeypatch.setattr(pathlib.Path, "touch", refuse)
+    with pytest.raises(pbd.InputError, match="cannot be written to: Permission denied"):
+        pbd.UsdWriter(tmp_path / "a.usda", rope_model())
 
 
 @pytest.mark.parametrize(
