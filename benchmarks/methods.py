@@ -17,17 +17,14 @@ Needs gcc and SciPy (the latter for chebyshev="auto"); takes about a minute.
 
 import argparse
 import ctypes
-import shutil
 import statistics
-import subprocess
 import sys
-import tempfile
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import warp as wp
+from plain_c import compile_c, timed
 
 import pbd_warp as pbd
 
@@ -47,16 +44,6 @@ AGREEMENT = 1e-9
 STRETCH = 1e-3
 FRAMES = 15
 SUBSTEPS = 4
-
-
-def compile_c() -> ctypes.CDLL:
-    if not shutil.which("gcc"):
-        sys.exit("benchmarks/methods.py compares with C: install gcc first")
-    library = Path(tempfile.mkdtemp()) / "elimination.so"
-    source = Path(__file__).with_name("elimination.c")
-    flags = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC"]
-    subprocess.run(["gcc", *flags, str(source), "-o", str(library), "-lm"], check=True)
-    return ctypes.CDLL(str(library))
 
 
 def swinging(ropes: int, links: int) -> pbd.Simulation:
@@ -107,16 +94,8 @@ def check_agreement(c: Elimination, sim: pbd.Simulation) -> None:
         sys.exit(f"benchmarks/methods.py: C and ours differ by {difference:.1e} of the displacement")
 
 
-def timed(call, repeats: int) -> float:
-    start = time.perf_counter()
-    for _ in range(repeats):
-        call()
-    wp.synchronize()
-    return (time.perf_counter() - start) / repeats
-
-
 def compare_with_c(rounds: int) -> None:
-    library = compile_c()
+    library = compile_c("elimination.c")
     print("Direct: ns per link and Newton iteration (median of", rounds, "rounds); ours/C within each round (median)")
     print(f"{'ropes':>6} {'links':>8} {'C':>8} {'ours':>8} {'ours/C':>7}")
     ns = {}
@@ -130,6 +109,8 @@ def compare_with_c(rounds: int) -> None:
         for call in calls.values():
             timed(call, max(1, repeats // 10))
         times = [{name: timed(call, repeats) for name, call in calls.items()} for _ in range(rounds)]
+        if sim.iterations_used != ITERATIONS * ropes:
+            sys.exit(f"benchmarks/methods.py: ours made {sim.iterations_used / ropes:g} iterations, not {ITERATIONS}")
         ns[ropes, links] = {name: statistics.median(t[name] for t in times) / work * 1e9 for name in calls}
         ratio = statistics.median(t["ours"] / t["C"] for t in times)
         print(f"{ropes:>6} {links:>8} {ns[ropes, links]['C']:>8.1f} {ns[ropes, links]['ours']:>8.1f} {ratio:>7.2f}")

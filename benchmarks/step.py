@@ -9,31 +9,16 @@ timed in turn, round by round, and each is given by its median, so that a drifti
 
 import argparse
 import ctypes
-import shutil
 import statistics
-import subprocess
-import sys
-import tempfile
-import time
-from pathlib import Path
 
 import numpy as np
 import warp as wp
+from plain_c import compile_c, timed
 
 import pbd_warp as pbd
 
 ITERATIONS = 20
 SIZES = (33, 1000, 100_000)
-
-
-def compile_c() -> ctypes.CDLL:
-    if not shutil.which("gcc"):
-        sys.exit("benchmarks/step.py compares with C: install gcc first")
-    library = Path(tempfile.mkdtemp()) / "scatter.so"
-    source = Path(__file__).with_name("scatter.c")
-    flags = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC"]
-    subprocess.run(["gcc", *flags, str(source), "-o", str(library), "-lm"], check=True)
-    return ctypes.CDLL(str(library))
 
 
 def chain(n: int) -> pbd.Model:
@@ -65,20 +50,12 @@ def c_sweeps(library: ctypes.CDLL, model: pbd.Model):
     return call
 
 
-def timed(call, repeats: int) -> float:
-    start = time.perf_counter()
-    for _ in range(repeats):
-        call()
-    wp.synchronize()
-    return (time.perf_counter() - start) / repeats
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=15, help="rounds of the three in turn (15)")
     rounds = parser.parse_args().rounds
     wp.config.log_level = wp.LOG_ERROR
-    library = compile_c()
+    library = compile_c("scatter.c")
     print("ns per constraint and iteration (median of", rounds, "rounds); ratios within each round (median)")
     print(
         f"{'particles':>9} {'C':>8} {'captured':>9} {'uncaptured':>11} {'captured/C':>11} {'uncaptured/captured':>20}"

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import warp as wp
 
-from pbd_warp import check
 from pbd_warp.errors import InputError
 from pbd_warp.kernels.direct import add_corrections_to_both, solve_paths
 from pbd_warp.kernels.precision import PRECISIONS
+from pbd_warp.methods.iteration import check_iterations
 
 if TYPE_CHECKING:
     from pbd_warp.model import Model
@@ -52,9 +52,7 @@ class Direct:
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        check.whole("iterations", self.iterations, low=1)
-        if self.tolerance is not None:
-            check.number("tolerance", self.tolerance, above=0.0)
+        check_iterations(self.iterations, self.tolerance)
 
     def valence(self, model: Model) -> np.ndarray:
         """No mass is shared but among contacts."""

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import warp as wp
 
-from pbd_warp import check
 from pbd_warp.kernels.jacobi import add_corrections
-from pbd_warp.methods.iteration import Iterations
+from pbd_warp.methods.iteration import Iterations, check_iterations
 
 if TYPE_CHECKING:
     from pbd_warp.model import Model
@@ -39,9 +38,7 @@ class GaussSeidel:
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        check.whole("iterations", self.iterations, low=1)
-        if self.tolerance is not None:
-            check.number("tolerance", self.tolerance, above=0.0)
+        check_iterations(self.iterations, self.tolerance)
 
     def valence(self, model: Model) -> np.ndarray:
         """No mass is shared but among contacts."""

@@ -7,10 +7,18 @@ from typing import TYPE_CHECKING
 
 import warp as wp
 
+from pbd_warp import check
 from pbd_warp.kernels.iteration import begin_iterations, end_iteration
 
 if TYPE_CHECKING:
     from pbd_warp.simulation import Simulation
+
+
+def check_iterations(iterations: int, tolerance: float | None) -> None:
+    """Iterations of at least 1 and a tolerance above 0, or an InputError."""
+    check.whole("iterations", iterations, low=1)
+    if tolerance is not None:
+        check.number("tolerance", tolerance, above=0.0)
 
 
 class Iterations:

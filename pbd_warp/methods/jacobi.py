@@ -10,7 +10,7 @@ import numpy as np
 from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.kernels.jacobi import add_corrections, add_corrections_accelerated
-from pbd_warp.methods.iteration import Iterations
+from pbd_warp.methods.iteration import Iterations, check_iterations
 
 if TYPE_CHECKING:
     from pbd_warp.model import Model
@@ -57,7 +57,7 @@ class Jacobi:
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        check.whole("iterations", self.iterations, low=1)
+        check_iterations(self.iterations, self.tolerance)
         check.number("relaxation", self.relaxation, above=0.0)
         if self.averaging not in AVERAGINGS:
             raise unknown("averaging", self.averaging, AVERAGINGS)
@@ -69,8 +69,6 @@ class Jacobi:
             rho = check.number("chebyshev", self.chebyshev, above=0.0)
             if rho >= 1.0:
                 raise InputError(f"chebyshev must be 'auto' or a spectral radius in (0, 1), not {rho:g}")
-        if self.tolerance is not None:
-            check.number("tolerance", self.tolerance, above=0.0)
 
     def valence(self, model: Model) -> np.ndarray:
         """Constraints at each particle that share its mass, int32 [particle_count]; contacts come on top."""
