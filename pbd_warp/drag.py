@@ -49,6 +49,10 @@ class Drag:
         self._now: _Hold | None = None
         self._selected_at = np.zeros(3)
 
+    def check_particles(self, particle_count: int) -> None:
+        """Raise an InputError for a script that selects a particle there is not; better before a run than in it."""
+        check.indices("drag: select", [hold.particle for hold in self._holds], particle_count)
+
     def advance(self, sim: Simulation) -> None:
         """Do what the script says for the frame that `sim.step()` makes next."""
         # Frame times are multiples of dt; a gesture at one of them must not slip to the next by rounding.

@@ -62,6 +62,7 @@ def make_simulation(scene: Scene, model: Model) -> Simulation:
         method=scene.method,
         integrator=scene.integrator,
         damping=scene.damping,
+        max_contacts=scene.max_contacts,
     )
 
 
@@ -85,6 +86,7 @@ def run(
     model = scene.builder.finalize(device=device, dtype=dtype)
     sim = make_simulation(scene, model)
     drag = Drag(scene.drag)
+    drag.check_particles(model.particle_count)
     settings: dict[str, Any] = {
         "scene": scene.name,
         "device": str(model.device),

@@ -27,8 +27,9 @@ class Scene:
     """What a scene file's function `scene()` returns.
 
     builder: The particle graph. frames, fps: Length and rate of the animation. substeps, method, integrator,
-    damping: As in Simulation. drag: The recorded drag, see Drag. reference: Exact positions [m] at a time [s], shape
-    [particle_count, 3], where they are known; reference_text: where from. name: The file's, filled in by `load_scene`.
+    damping, max_contacts: As in Simulation. drag: The recorded drag, see Drag. reference: Exact positions [m] at a
+    time [s], shape [particle_count, 3], where they are known; reference_text: where from. name: The file's, filled in
+    by `load_scene`.
     """
 
     builder: ModelBuilder
@@ -38,6 +39,7 @@ class Scene:
     method: Method = field(default_factory=Jacobi)
     integrator: str = "pbd"
     damping: float = 0.0
+    max_contacts: int | None = None
     drag: Sequence[Sequence[Any]] = ()
     reference: Callable[[float], np.ndarray] | None = None
     reference_text: str = ""

@@ -237,7 +237,7 @@ class Simulation:
             if needed:
                 raise SimulationFailed(
                     f"{at}: {needed} contacts, but there is room for {self.contacts.capacity}; "
-                    f"pass max_contacts={2 * needed} or larger to Simulation"
+                    f"give Simulation or Scene max_contacts={2 * needed} or more"
                 )
 
     def bind_constraints(self) -> list[BoundDistances | BoundPoints]:

@@ -91,6 +91,24 @@ def test_info_is_the_cost_sheet(tmp_path):
     assert "contact" not in result.stdout
 
 
+SELECTS_NOBODY = """
+import pbd_warp as pbd
+
+def scene():
+    builder = pbd.ModelBuilder()
+    builder.add_particle((0, 0, 0))
+    return pbd.Scene(builder, frames=20, drag=[(0.1, "select", 7), (0.2, "deselect")])
+"""
+
+
+def test_a_drag_of_a_particle_there_is_not_is_refused_before_anything_is_written(tmp_path):
+    (tmp_path / "mine.py").write_text(SELECTS_NOBODY)
+    result = call("run", "mine.py", cwd=tmp_path)
+    assert result.returncode == 2
+    assert last_line(result.stderr) == "pbd-warp: drag: select names particle 7, but there are 1 (0 to 0)"
+    assert not (tmp_path / "mine.usda").exists()
+
+
 DIVERGES = """
 import pbd_warp as pbd
 

@@ -63,7 +63,10 @@ def test_bullets_are_half_spaces(rng):
 def test_overflow_is_an_error_that_says_how_much_room_it_takes(rng):
     model = crowd_model(rng)
     sim = pbd.Simulation(model, max_contacts=3)
-    with pytest.raises(pbd.SimulationFailed, match=r"frame 1 .* contacts, but there is room for 3; pass max_contacts="):
+    with pytest.raises(
+        pbd.SimulationFailed,
+        match=r"frame 1 .* contacts, but there is room for 3; give Simulation or Scene max_contacts=",
+    ):
         sim.step()
     needed = int(sim.contacts.needed.numpy()[0])
     pbd.Simulation(model, max_contacts=2 * needed).step()
