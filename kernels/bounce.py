@@ -78,9 +78,9 @@ def bounce(
         e = collider_restitution[-1 - j]
     v_n = wp.dot(n, relative)
     approach = wp.dot(n, before)
-    if -approach <= resting:
+    if -approach <= resting:  # which is at least 0: so does nothing that parts
         e = Real(0.0)
-    change = wp.max(-e * approach, Real(0.0)) - v_n
+    change = -e * approach - v_n
     slide = relative - v_n * n
     speed = wp.length(slide)
     grip = wp.min(friction_of(j, friction, collider_friction) * wp.max(change, Real(0.0)), speed)
