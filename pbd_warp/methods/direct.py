@@ -92,7 +92,7 @@ class DirectSolver:
         scratch |= {"kappa": sim.real, "lam_gain": sim.vec3, "lam_solution": sim.real}
         self._scratch = [sim.allocate(f"direct.{name}", place, dtype) for name, dtype in scratch.items()]
         self._lam = sim.allocate("direct.lam", place, sim.real)
-        longest = float(edges.rest_length.max(initial=0.0)) or 1.0
+        longest = float(edges.rest_length.max())
         self._round_off = ROUND_OFF * float(np.finfo(model.dtype).eps)
         self._tolerance = method.tolerance if method.tolerance is not None else self._round_off * longest
         self._counters = sim.count_iterations()
