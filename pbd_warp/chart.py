@@ -156,6 +156,11 @@ def pick(rows: Iterable[Row], error: float) -> Row | None:
     return next((row for row in front(rows) if row.position_error <= error), None)
 
 
+def best_error(rows: Iterable[Row]) -> float:
+    """The smallest position error there is [m], infinite where nothing was measured."""
+    return min((row.position_error for row in front(rows)), default=float("inf"))
+
+
 def flags(row: Row) -> str:
     """The row's configuration as flags of `pbd-warp run`."""
     names = ("method", "integrator", "substeps", "iterations", "dtype")

@@ -1,0 +1,77 @@
+"""pbd-warp chart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pbd_warp import check
+from pbd_warp.chart import best_error, flags, front, load, save
+from pbd_warp.chart import pick as pick_row
+from pbd_warp.cli.app import app
+from pbd_warp.cli.options import Debug, Device, Fps, Seed, Set, comma_list, scene_with, whole_list
+from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.errors import InputError
+from pbd_warp.picture import check_picture, draw
+from pbd_warp.sweep import Sweep, sweep_scene
+
+
+@app.command()
+def chart(
+    scene: Annotated[str | None, typer.Argument(metavar="SCENE", help="A scene's name, or your own file.py.")] = None,
+    out: Annotated[Path | None, typer.Option(help="SCENE.svg unless given; .svg or .png.")] = None,
+    csv: Annotated[Path | None, typer.Option(help="The numbers; OUT with .csv unless given.")] = None,
+    from_csv: Annotated[Path | None, typer.Option(help="Draw these numbers, measure nothing.")] = None,
+    pick: Annotated[
+        float | None, typer.Option(help="Print the cheapest settings within this error [m], as flags for run.")
+    ] = None,
+    methods: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(Sweep.methods),
+    integrators: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(Sweep.integrators),
+    substeps: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(map(str, Sweep.substeps)),
+    iterations: Annotated[str, typer.Option(help="Comma-separated; not for direct.")] = ",".join(
+        map(str, Sweep.iterations)
+    ),
+    dtypes: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(Sweep.dtypes),
+    repeat: Annotated[int, typer.Option(help="Timed repetitions.")] = Sweep.repeat,
+    device: Device = None,
+    fps: Fps = None,
+    seed: Seed = None,
+    set_: Set = None,
+    debug: Debug = False,
+) -> None:
+    """Chart speed against accuracy for a scene: measure it under many settings, draw error against time."""
+    with one_sentence(debug):
+        if (scene is None) == (from_csv is None):
+            raise InputError("chart needs a scene to measure or --from-csv FILE to draw, and not both")
+        name = Path(scene or str(from_csv)).stem
+        picture = out if out is not None else Path(f"{name}.svg")
+        check_picture(picture)
+        if from_csv is not None:
+            made = load(from_csv)
+        else:
+            assert scene is not None
+            sweep = Sweep(
+                comma_list(methods),
+                comma_list(integrators),
+                whole_list("substeps", substeps),
+                whole_list("iterations", iterations),
+                comma_list(dtypes),
+                repeat,
+            )
+            built = scene_with(scene, None, fps, None, None, None, None, None, seed, set_)
+            numbers = csv if csv is not None else picture.with_suffix(".csv")
+            check.folder(numbers.parent)
+            with progress_bar(f"chart {built.name}") as advance, interruptible() as stop_if_asked:
+                made = sweep_scene(built, sweep, device, lambda done, of: (advance(done, of), stop_if_asked()))
+            save(made, numbers)
+        draw(made, picture)
+        typer.echo(f"{len(made.rows)} configurations, {len(front(made.rows))} on the front: {picture}")
+        if pick is not None:
+            row = pick_row(made.rows, check.number("--pick", pick, above=0.0))
+            if row is None:
+                raise InputError(
+                    f"no measured configuration is within {pick:g} m; the best is {best_error(made.rows):.2g} m"
+                )
+            typer.echo(flags(row))

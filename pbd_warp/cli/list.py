@@ -1,0 +1,15 @@
+"""pbd-warp list."""
+
+from __future__ import annotations
+
+import typer
+
+from pbd_warp.cli.app import app
+from pbd_warp.scene import scene_names, scene_summary
+
+
+@app.command("list")
+def list_scenes() -> None:
+    """List the scenes."""
+    for name in scene_names():
+        typer.echo(f"{name:12} {scene_summary(name)}")

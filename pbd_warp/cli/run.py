@@ -1,0 +1,113 @@
+"""pbd-warp run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pbd_warp import check
+from pbd_warp.chart import Row, best_error, flags, load
+from pbd_warp.chart import pick as pick_row
+from pbd_warp.cli.app import app
+from pbd_warp.cli.options import (
+    Debug,
+    Device,
+    Dtype,
+    Fps,
+    Frames,
+    Integrator,
+    Iterations,
+    Method,
+    SceneName,
+    Seed,
+    Set,
+    Substeps,
+    Tolerance,
+    scene_with,
+)  # fmt: skip
+from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.errors import InputError
+from pbd_warp.methods import METHODS
+from pbd_warp.run import RunStats, run
+from pbd_warp.scene import Scene
+from pbd_warp.sweep import charts_folder
+from pbd_warp.usd import check_path
+
+
+@app.command("run")
+def run_scene(
+    scene: SceneName,
+    out: Annotated[Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc or .usd.")] = None,
+    frames: Frames = None,
+    fps: Fps = None,
+    device: Device = None,
+    dtype: Dtype = None,
+    method: Method = None,
+    iterations: Iterations = None,
+    substeps: Substeps = None,
+    integrator: Integrator = None,
+    tolerance: Tolerance = None,
+    seed: Seed = None,
+    set_: Set = None,
+    accuracy: Annotated[
+        float | None, typer.Option(help="Take the fastest settings that the scene's chart has within this error [m].")
+    ] = None,
+    stats: Annotated[Path | None, typer.Option(help="Write the closing figures to this JSON file.")] = None,
+    debug: Debug = False,
+) -> None:
+    """Simulate a scene and write it as a USD animation."""
+    with one_sentence(debug):
+        built = scene_with(scene, frames, fps, method, iterations, substeps, integrator, tolerance, seed, set_)
+        if accuracy is not None:
+            if any(given is not None for given in (method, iterations, substeps, integrator)) or dtype is not None:
+                raise InputError(
+                    "--accuracy chooses method, iterations, substeps, integrator and dtype: leave those out"
+                )
+            row = _pick_for(built, accuracy)
+            dtype = row.dtype
+            typer.echo(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
+        path = check_path(out if out is not None else Path(f"{built.name}.usda"))
+        if stats is not None:
+            check.folder(stats.parent)
+        with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
+            result = run(
+                built, path, device, dtype or "float32", lambda done: (advance(done, built.frames), stop_if_asked())
+            )
+        if stats is not None:
+            result.save(stats)
+        typer.echo(_table(result))
+
+
+def _pick_for(scene: Scene, accuracy: float) -> Row:
+    """The fastest settings within an error on the chart that comes with the project, set on the scene."""
+    path = charts_folder() / f"{scene.name}.csv"
+    if not path.is_file():
+        raise InputError(f"there is no chart of scene {scene.name}: make one with pbd-warp chart, and use its --pick")
+    made = load(path)
+    row = pick_row(made.rows, check.number("--accuracy", accuracy, above=0.0))
+    if row is None:
+        best = best_error(made.rows)
+        raise InputError(
+            f"no settings on the chart of scene {scene.name} are within {accuracy:g} m; best: {best:.2g} m"
+        )
+    scene.method = METHODS[row.method](iterations=row.iterations)
+    scene.integrator, scene.substeps = row.integrator, row.substeps
+    return row
+
+
+def _table(stats: RunStats) -> str:
+    size = Path(stats.out).stat().st_size
+    rows = {
+        "scene": f"{stats.scene}, {stats.particles} particles, {stats.constraints} constraints",
+        "frames": f"{stats.frames} at {stats.wall_ms_per_frame:.3f} ms a frame",
+        "compile": f"{stats.compile_s:.2f} s",
+        "max stretch": f"{100 * stats.max_stretch:.3g} %",
+        "max residual": f"{stats.max_residual:.3g} m",
+        "energy": f"{stats.energy_start:.6g} J at the start, {stats.energy_end:.6g} J at the end",
+        "file": f"{stats.out}, {size / 1024:.0f} KiB",
+    }
+    if stats.unconverged is not None:
+        rows["converged"] = f"all but {stats.unconverged} steps" if stats.unconverged else "every step"
+    return "\n".join(f"{name:13} {value}" for name, value in rows.items())
