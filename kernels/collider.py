@@ -12,6 +12,7 @@ from typing import Any
 
 import warp as wp
 
+from pbd_warp.kernels.contact import limit_overlap
 from pbd_warp.kernels.precision import Real, Vec3, kernel
 
 PLANE = wp.constant(0)
@@ -50,6 +51,7 @@ def find_collider_contacts(
     size: wp.array[Real],  # [collider_count] the sphere's radius [m]
     radius: wp.array[Real],  # [particle_count] [m]
     margin: Real,  # watched beyond touching, relative to r_i
+    recovery: Real,  # overlap that a step takes back at most [m]; negative: all of it
     # State:
     x: wp.array[Vec3],
     w: wp.array[Real],
@@ -80,5 +82,5 @@ def find_collider_contacts(
             if k < pair.shape[0]:
                 pair[k] = wp.vec2i(i, -1 - c)
                 normal[k] = n
-                gap[k] = g
+                gap[k] = limit_overlap(g, recovery)
                 wp.atomic_add(share, i, 1)

@@ -5,10 +5,12 @@ otherwise); accumulated multipliers lam >= 0 (projected Jacobi, as in Tonge et a
 2012): a contact may take back what it pushed too far, and never pulls.
 
 A contact is one of two, chosen when it is found:
-    round       normal = 0:  C = |(x_i - x_j) + (u_i - u_j)| - (r_i + r_j)
+    round       normal = 0:  C = |(x_i - x_j) + (u_i - u_j)| - (r_i + r_j) + gap,   gap = 0
     half-space  normal = n:  C = n . (u_i - u_j) + gap,   gap = n . (x_i - x_j) - (r_i + r_j)
 Round is the general one. A pair that has passed through each other at the end of the step is no longer in
 contact by distance; for it n, the direction at the entry point, remembers the side it came from.
+With a depenetration speed a step takes back no more than `recovery` of the overlap d that it begins with: round ones
+get gap = max(d - recovery, 0), half-spaces gap >= -recovery.
 A collider (see collider.py) is always a half-space, with j = -1 - collider and w_j = 0.
 """
 
@@ -46,6 +48,14 @@ def joined(start: wp.array[wp.int32], neighbour: wp.array[wp.int32], i: wp.int32
     return False
 
 
+@wp.func
+def limit_overlap(gap: Any, recovery: Any):
+    """A half-space's gap with no more overlap than a step may take back; without a limit where that is negative."""
+    if recovery >= type(gap)(0.0):
+        return wp.max(gap, -recovery)
+    return gap
+
+
 @kernel
 def find_contacts(
     # Model:
@@ -53,6 +63,7 @@ def find_contacts(
     radius: wp.array[Real],  # [particle_count] [m]
     max_radius: Real,  # [m]
     margin: Real,  # watched beyond touching, relative to r_i + r_j
+    recovery: Real,  # overlap that a step takes back at most [m]; negative: all of it
     neighbour_start: wp.array[wp.int32],  # [particle_count + 1], or None: no pair is joined
     neighbour: wp.array[wp.int32],  # [2 edge_count]
     # State:
@@ -106,7 +117,12 @@ def find_contacts(
                 if k < pair.shape[0]:
                     pair[k] = wp.vec2i(i, j)
                     normal[k] = n
-                    gap[k] = wp.dot(n, start) - rest
+                    if wp.dot(n, n) > Real(0.0):
+                        gap[k] = limit_overlap(wp.dot(n, start) - rest, recovery)
+                    elif recovery >= Real(0.0):
+                        gap[k] = wp.max(rest - wp.length(start) - recovery, Real(0.0))
+                    else:
+                        gap[k] = Real(0.0)
                     wp.atomic_add(share, i, 1)
                     wp.atomic_add(share, j, 1)
 
@@ -182,7 +198,7 @@ def project_contact(
     direction = normal[k]
     c = wp.dot(direction, move) + gap[k]
     if wp.dot(direction, direction) == Real(0.0):
-        c, direction = distance((x[i] - x[j]) + move, radius[i] + radius[j])
+        c, direction = distance((x[i] - x[j]) + move, radius[i] + radius[j] - gap[k])
     if residual:
         wp.atomic_max(residual, 0, -c)
     dlam = wp.max(-lam[k], -relaxation * c / weight)

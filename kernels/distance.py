@@ -57,6 +57,25 @@ def distance_over_step(start: Any, move: Any, rest: Any, compliance: Any, mean_g
 
 
 @kernel
+def limit_recovery(
+    # Model:
+    edge: wp.array[wp.vec2i],  # [edge_count]
+    rest_length: wp.array[Real],  # [edge_count] [m]
+    # State:
+    x: wp.array[Vec3],
+    # In:
+    recovery: Real,  # what a step may take back of the error that it starts with [m]
+    # Out:
+    rest_now: wp.array[Real],  # [edge_count] length that this step asks for [m]
+):
+    """A rope that was pulled too long and is let go would otherwise take all of it back in one step, and leave at
+    that speed."""
+    k = wp.tid()
+    length = wp.length(x[edge[k][0]] - x[edge[k][1]])
+    rest_now[k] = wp.clamp(rest_length[k], length - recovery, length + recovery)
+
+
+@kernel
 def project_distance(
     # Model:
     edge: wp.array[wp.vec2i],  # [edge_count]

@@ -55,6 +55,9 @@ class BoundContacts:
         self.found = (self.count, self.pair, self.normal, self.gap)
         self.friction = model.contacts.friction if model.contacts else 0.0
         self.restitution = model.contacts.restitution if model.contacts else 0.0
+        self.recovery = -1.0  # all of an overlap in one step
+        if sim.depenetration_speed is not None:
+            self.recovery = sim.depenetration_speed * sim.substep_dt
         self.resting = RESTING_STEPS * float(np.linalg.norm(model.gravity)) * sim.substep_dt
 
         self.kind = sim.upload("collider.kind", colliders.kind, wp.int32)
@@ -94,7 +97,15 @@ class BoundContacts:
             launch(
                 find_contacts,
                 n,
-                *(self.grid.id, self.radius, self.max_radius, MARGIN, self.neighbour_start, self.neighbour),
+                *(
+                    self.grid.id,
+                    self.radius,
+                    self.max_radius,
+                    MARGIN,
+                    self.recovery,
+                    self.neighbour_start,
+                    self.neighbour,
+                ),
                 *(x, w, u, self.midpoint, self.sweep),
                 *(*self.found, sim.share),
             )
@@ -102,7 +113,7 @@ class BoundContacts:
             launch(
                 find_collider_contacts,
                 n,
-                *(self.kind, self.centre, self.plane_normal, self.size, self.radius, MARGIN),
+                *(self.kind, self.centre, self.plane_normal, self.size, self.radius, MARGIN, self.recovery),
                 *(x, w, u),
                 *(*self.found, sim.share),
             )

@@ -63,6 +63,9 @@ def make_simulation(scene: Scene, model: Model) -> Simulation:
         integrator=scene.integrator,
         damping=scene.damping,
         max_contacts=scene.max_contacts,
+        depenetration_speed=scene.depenetration_speed,
+        limits=scene.limits,
+        on_failure=scene.on_failure,
     )
 
 

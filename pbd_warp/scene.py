@@ -20,6 +20,7 @@ from pbd_warp import check
 from pbd_warp.builder import ModelBuilder
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.methods import Jacobi, Method
+from pbd_warp.watch import Limits
 
 
 @dataclass
@@ -27,9 +28,9 @@ class Scene:
     """What a scene file's function `scene()` returns.
 
     builder: The particle graph. frames, fps: Length and rate of the animation. substeps, method, integrator,
-    damping, max_contacts: As in Simulation. drag: The recorded drag, see Drag. reference: Exact positions [m] at a
-    time [s], shape [particle_count, 3], where they are known; reference_text: where from. name: The file's, filled in
-    by `load_scene`.
+    damping, max_contacts, depenetration_speed, limits, on_failure: As in Simulation. drag: The recorded drag, see Drag.
+    reference: Exact positions [m] at a time [s], shape [particle_count, 3], where they are known; reference_text: where
+    from. name: The file's, filled in by `load_scene`.
     """
 
     builder: ModelBuilder
@@ -40,6 +41,9 @@ class Scene:
     integrator: str = "pbd"
     damping: float = 0.0
     max_contacts: int | None = None
+    depenetration_speed: float | None = None
+    limits: Limits = Limits()  # noqa: RUF009 it is frozen
+    on_failure: str = "raise"
     drag: Sequence[Sequence[Any]] = ()
     reference: Callable[[float], np.ndarray] | None = None
     reference_text: str = ""

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import warp as wp
 
 from pbd_warp import check
+from pbd_warp.cautions import Caution, cautions
 from pbd_warp.constraints.distance import BoundDistances
 from pbd_warp.constraints.point import BoundPoints
 from pbd_warp.contacts import BoundContacts
 from pbd_warp.damping import Damper
+from pbd_warp.diagnosis import Failure, describe
 from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.integrators import INTEGRATORS, Integrator
 from pbd_warp.launch import Launcher
-from pbd_warp.methods import Jacobi, Method
+from pbd_warp.methods import Direct, Jacobi, Method
 from pbd_warp.model import Model, State
+from pbd_warp.recovery import ON_FAILURE, Recovery
+from pbd_warp.watch import NOTHING, Limits, Watch
 
 NOBODY = -1
-FINITE = np.iinfo(np.int32).max
-"""In `diverged`: no particle has left the finite numbers."""
 
 
 class Simulation:
@@ -35,6 +38,14 @@ class Simulation:
         integrator: How velocity becomes position and back: "pbd", "bdf2", "midpoint" or "midpoint4".
         damping: k of section 3.5: the fraction of all velocity that is not rigid motion taken away in a frame, 0..1.
         max_contacts: Room for contacts in one step; 8 a particle and 64 more unless given.
+        depenetration_speed: What is wrong with a contact or a distance when a step begins is taken back no faster than
+            this [m/s]: overlapping particles part, and a rope pulled too long and let go shrinks, at this speed a
+            pair. None: at once, so that they leave with the depth of the error over the step's length.
+        limits: Beyond which a frame counts as diverged.
+        on_failure: What becomes of a frame that diverged, or in which `Direct` did not converge. "raise": the error.
+            "subdivide": the frame is made again with twice the substeps, up to 16 times as many. "fallback": it is
+            made again with integrator "bdf2", then "pbd". "continue": as "raise" when it diverged, but Newton
+            iterations that did not converge are only counted.
         capture: Record a frame once and replay it (a CUDA graph, or its CPU counterpart) instead of launching
             every kernel from Python.
 
@@ -45,11 +56,15 @@ class Simulation:
         iterations_used: Iterations of all steps of the last frame (with `Direct`, of all paths too).
         unconverged: Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None where
             it has none.
+        held: The grabbed particle, None for none.
         frame: Frames done. time: the same in seconds.
+        retried: Frames that "subdivide" or "fallback" made again with success.
+        settings: The arguments, by name.
         compile_seconds: What loading (and at first use compiling) the kernels took.
 
     Raises:
-        InputError: dt <= 0, substeps < 1, damping outside 0..1, max_contacts < 1, an unknown integrator.
+        InputError: dt <= 0, substeps < 1, damping outside 0..1, max_contacts < 1, depenetration_speed <= 0, an unknown
+            integrator or on_failure.
     """
 
     def __init__(
@@ -62,6 +77,9 @@ class Simulation:
         integrator: str = "pbd",
         damping: float = 0.0,
         max_contacts: int | None = None,
+        depenetration_speed: float | None = None,
+        limits: Limits = Limits(),  # noqa: B008 it is frozen
+        on_failure: str = "raise",
         capture: bool = True,
     ):
         self.model = model
@@ -70,15 +88,33 @@ class Simulation:
         self.method = method if method is not None else Jacobi()
         self.damping = check.number("damping", damping, low=0.0, high=1.0)
         self.max_contacts = None if max_contacts is None else check.whole("max_contacts", max_contacts, low=1)
+        self.depenetration_speed = None
+        if depenetration_speed is not None:
+            self.depenetration_speed = check.number("depenetration_speed", depenetration_speed, above=0.0)
         if integrator not in INTEGRATORS:
             raise unknown("integrator", integrator, INTEGRATORS)
+        if on_failure not in ON_FAILURE:
+            raise unknown("on_failure", on_failure, ON_FAILURE)
+        self.settings: dict[str, Any] = {
+            "dt": self.dt,
+            "substeps": self.substeps,
+            "method": self.method,
+            "integrator": integrator,
+            "damping": self.damping,
+            "max_contacts": self.max_contacts,
+            "depenetration_speed": self.depenetration_speed,
+            "limits": limits,
+            "on_failure": on_failure,
+            "capture": capture,
+        }
 
         self.substep_dt = self.dt / self.substeps
         self.real, self.vec3 = model.real, model.vec3
-        self._held: int | None = None
+        self.held: int | None = None
         self.launch = Launcher(model.device, model.real)
         self.arrays: dict[str, wp.array] = {}
         self.frame = 0
+        self.retried = 0
 
         self.state = State(x=self.upload("x", model.x, self.vec3), v=self.upload("v", model.v, self.vec3))
         self.w = self.upload("w", model.w)  # the grabbed particle's is 0 here, not in the model
@@ -86,7 +122,8 @@ class Simulation:
         self._iteration_counts: wp.array | None = None
         self.grabbed = self.upload("grabbed", [NOBODY], wp.int32)
         self.grab_target = self.allocate("grab_target", 1, self.vec3)
-        self.diverged = self.upload("diverged", [FINITE], wp.int32)
+        self.watch = Watch(self, limits)
+        self.diverged = self.watch.diverged
 
         self._points: BoundPoints | None = None
         self.contacts = BoundContacts(self) if model.contacts or len(model.colliders.kind) else None
@@ -98,7 +135,11 @@ class Simulation:
         # Of the stage that is being launched: the integrator's, and (its length / that of the stage before)^2.
         self.per_force: wp.array = self.integrator.per_force(0)
         self.lam_scale = 1.0
+        self.stage_dt = self.substep_dt
         self.solver = self.method.bind(self)
+        # With contacts Newton's method is but one half of a round; no single one of them has to arrive.
+        self._newton = isinstance(self.method, Direct) and not self.contacts and on_failure != "continue"
+        self._recovery = Recovery(self, on_failure) if on_failure in ("subdivide", "fallback") else None
 
         self.compile_seconds = self._load_kernels()
         self._graph = self._capture() if capture else None
@@ -107,28 +148,81 @@ class Simulation:
         """Advance by one frame.
 
         Raises:
-            SimulationFailed: a position is no longer finite, or there were more contacts than room for them.
+            SimulationFailed: the frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
+                were more contacts than room for them.
         """
         if self._graph is None:
             self._run_frame()
         else:
             wp.capture_launch(self._graph)
         self.frame += 1
-        self._check_frame()
+        failure = self._failure()
+        if failure is None:
+            return
+        if self._recovery is None or not self._recovery.retry():
+            tried = f"; tried without success: {self._recovery.tried}" if self._recovery else ""
+            raise SimulationFailed(describe(self, failure) + tried)
+        self.retried += 1
 
     def reset(self) -> None:
         """Back to the initial state: what comes then is what came the first time."""
         self.release()
         self.state.x.assign(self.model.x)
         self.state.v.assign(self.model.v)
-        self.diverged.fill_(FINITE)
         if self._points:
             self._points.target.assign(self.model.point.target)
+        self.frame = self.retried = 0
+        self._restart()
+
+    def like(self, **changes: Any) -> Simulation:
+        """Another simulation of the same model, in its initial state, with other settings (see `settings`)."""
+        return Simulation(self.model, **{**self.settings, **changes})
+
+    def take_over(self, other: Simulation, state: State | None = None) -> None:
+        """Go on from where `other`, a simulation of the same model, is (or from a `state` of it): its frame, positions,
+        velocities, grabbed particle and targets. Integrator and method begin anew."""
+        for mine, theirs in (
+            (self.state.x, (state or other.state).x),
+            (self.state.v, (state or other.state).v),
+            (self.w, other.w),
+            (self.grabbed, other.grabbed),
+            (self.grab_target, other.grab_target),
+        ):
+            wp.copy(mine, theirs)
+        if self._points and other._points:
+            wp.copy(self._points.target, other._points.target)
+        if self._iteration_counts is not None and other._iteration_counts is not None:
+            wp.copy(self._iteration_counts, other._iteration_counts)
+        self.held = other.held
+        self.frame = other.frame
+        self._restart()
+
+    def save(self, path: str | Path) -> None:
+        """Write a checkpoint: see pbd_warp/checkpoint.py, which also says what it raises."""
+        from pbd_warp.checkpoint import save  # which knows this class
+
+        save(self, path)
+
+    @classmethod
+    def load(cls, path: str | Path, device: Any = None) -> Simulation:
+        """The simulation that `save` wrote, model included; it goes on as if it had never stopped, bit for bit on the
+        CPU. Raises InputError for a file that is not a whole checkpoint of this version."""
+        from pbd_warp.checkpoint import load
+
+        return load(path, device)
+
+    def _restart(self) -> None:
+        self.watch.restart()
         if self.contacts:
             self.contacts.needed.zero_()
         self.integrator.restart()
         self.solver.restart()
-        self.frame = 0
+
+    def check(self) -> list[Caution]:
+        """What is known to fail with these settings, worst first: each with its remedy, and with the name of its test,
+        which is that of a map in the stability atlas. An estimate, from the graph and the state as they are now; an
+        empty list is no promise. Reads the state back from the device."""
+        return [caution for caution in cautions(self) if caution.severity > 1.0]
 
     @property
     def time(self) -> float:
@@ -163,33 +257,36 @@ class Simulation:
         self.grabbed.fill_(int(particle))
         self.w[particle : particle + 1].zero_()
         wp.copy(self.grab_target, self.state.x, src_offset=int(particle), count=1)
-        self._held = int(particle)
+        self.held = int(particle)
         self.integrator.restart()
 
     def move_to(self, position: Any) -> None:
         """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over the substeps."""
-        if self._held is None:
+        if self.held is None:
             raise InputError("move_to needs a grabbed particle: call grab(particle) first")
         self.grab_target.fill_(self.vec3(*check.vector("position", position)))
 
     def release(self) -> None:
         """Let go. A free particle keeps the velocity it was moved with; a fixed one stays where it is."""
-        if self._held is None:
+        if self.held is None:
             return
-        held = slice(self._held, self._held + 1)
-        mass_inverse = float(self.model.w[self._held])
+        held = slice(self.held, self.held + 1)
+        mass_inverse = float(self.model.w[self.held])
         self.w[held].fill_(mass_inverse)
         if mass_inverse == 0.0:
             self.state.v[held].zero_()
         self.grabbed.fill_(NOBODY)
-        self._held = None
+        self.held = None
         self.integrator.restart()
 
     def _run_frame(self) -> None:
+        if self._recovery:
+            self._recovery.remember()
         if self._iteration_counts is not None:
             self.launch.zero(self._iteration_counts)
         for substep in range(self.substeps):
             self._run_step(remaining=self.substeps - substep)
+        self.watch.launch()
 
     def _run_step(self, remaining: int) -> None:
         """One step of the integrator; `remaining` substeps are left in the frame, this one included."""
@@ -201,6 +298,7 @@ class Simulation:
 
     def _run_stage(self, dt: float, part: float) -> None:
         """One pass of the paper's loop, lines 5-16. The grabbed particle goes `part` of the way that it has left."""
+        self.stage_dt = dt
         if self.damper:
             self.damper.accelerate_and_damp(dt)  # (5), (6)
         self.integrator.predict(dt, part)  # (5) where there is no line 6, (7)
@@ -214,6 +312,7 @@ class Simulation:
     def _load_kernels(self) -> float:
         with self.launch.dry_run() as trace:
             self._run_step(remaining=1)
+            self.watch.launch()
         start = time.perf_counter()
         for module in {kernel.module.name for _, kernel in trace if kernel}:
             wp.load_module(module, device=self.model.device)
@@ -224,21 +323,22 @@ class Simulation:
             self._run_frame()
         return capture.graph
 
-    def _check_frame(self) -> None:
-        at = f"frame {self.frame} (t = {self.time:.6g} s)"
-        particle = int(self.diverged.numpy()[0])
-        if particle != FINITE:
-            raise SimulationFailed(
-                f"{at}: particle {particle} has left the finite numbers with {self.method} and "
-                f"{self.substeps} substeps; {self.method.remedy}"
-            )
+    def _failure(self) -> Failure | None:
+        """What is wrong with the frame just made, if anything."""
         if self.contacts:
             needed = int(self.contacts.needed.numpy()[0])
             if needed:
                 raise SimulationFailed(
-                    f"{at}: {needed} contacts, but there is room for {self.contacts.capacity}; "
-                    f"give Simulation or Scene max_contacts={2 * needed} or more"
+                    f"frame {self.frame} (t = {self.time:.6g} s): {needed} contacts, but there is room for "
+                    f"{self.contacts.capacity}; give Simulation or Scene max_contacts={2 * needed} or more"
                 )
+        particle, edge, energy = self.diverged.numpy().tolist()
+        for kind, number in ("particle", particle), ("stretch", edge), ("energy", energy):
+            if number != NOTHING:
+                return kind, number
+        if self._newton and self.unconverged:
+            return "newton", self.unconverged
+        return None
 
     def bind_constraints(self) -> list[BoundDistances | BoundPoints]:
         """The model's constraints on this device, for a method that takes them as they are."""

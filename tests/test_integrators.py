@@ -393,7 +393,7 @@ def test_an_unknown_integrator():
 @every_integrator
 @pytest.mark.parametrize("method", [pbd.Jacobi(5), pbd.GaussSeidel(5), pbd.Direct()], ids=lambda m: m.name)
 def test_a_grabbed_particle_is_at_its_target_at_frame_ends(integrator, method):
-    sim = pbd.Simulation(rope_model(7), substeps=3, method=method, integrator=integrator)
+    sim = pbd.Simulation(rope_model(7), substeps=3, method=method, integrator=integrator, on_failure="continue")
     sim.step()
     sim.grab(4)
     for k in range(1, 6):

@@ -378,7 +378,7 @@ def test_a_bounce_has_friction_for_its_own_impulse(real, mu, kept):
 def test_find_collider_contacts(real, kind, x, u, normal, gap):
     out = run(
         find_collider_contacts, real, 1, np.array([kind]), np.zeros((1, 3)), np.array([[0.0, 1, 0]]), np.ones(1),
-        np.array([0.25]), 0.05, np.array([x]), np.ones(1), np.array([u]), np.zeros(1, np.int32),
+        np.array([0.25]), 0.05, -1.0, np.array([x]), np.ones(1), np.array([u]), np.zeros(1, np.int32),
         np.full((2, 2), 7), np.zeros((2, 3)), np.zeros(2), np.zeros(1, np.int32),
     )  # fmt: skip
     count, pair, normals, gaps, share = out[-5:]
@@ -392,7 +392,7 @@ def test_find_collider_contacts_passes_over_what_is_far_or_fixed():
     x = np.array([[0.0, 9, 0], [0, -1, 0]])
     out = run(
         find_collider_contacts, "float64", 2, np.array([0]), np.zeros((1, 3)), np.array([[0.0, 1, 0]]), np.zeros(1),
-        np.full(2, 0.25), 0.05, x, np.array([1.0, 0.0]), np.zeros((2, 3)), np.zeros(1, np.int32),
+        np.full(2, 0.25), 0.05, -1.0, x, np.array([1.0, 0.0]), np.zeros((2, 3)), np.zeros(1, np.int32),
         np.full((2, 2), 7), np.zeros((2, 3)), np.zeros(2), np.zeros(2, np.int32),
     )  # fmt: skip
     assert out[-5] == 0

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from pbd_warp.constraints.parameters import Parameters
-from pbd_warp.kernels.distance import project_distance
+from pbd_warp.kernels.distance import limit_recovery, project_distance
 
 if TYPE_CHECKING:
     from pbd_warp.simulation import Simulation
@@ -54,7 +54,11 @@ class BoundDistances:
         self.edge = sim.upload(f"{name}.edge", constraints.edge, wp.vec2i)
         self.rest_length = sim.upload(f"{name}.rest_length", constraints.rest_length)
         self.parameters = Parameters(sim, name, constraints.stiffness, constraints.compliance, sim.real)
-        self.begin = self.parameters.begin
+        self.recovering = Recovering(sim, name, self.edge, self.rest_length)
+
+    def begin(self) -> None:
+        self.parameters.begin()
+        self.recovering.begin()
 
     def project(
         self, u: wp.array, share: wp.array | None, relaxation: float, residual: wp.array | None, correction: wp.array
@@ -64,8 +68,28 @@ class BoundDistances:
         sim.launch(
             project_distance,
             len(self.edge),
-            *(self.edge, self.rest_length, p.stiffness, p.compliance),
+            *(self.edge, self.recovering.rest_now, p.stiffness, p.compliance),
             *(sim.state.x, sim.w),
             *(u, share, relaxation, sim.per_force, sim.integrator.mean_gradient),
             *(p.lam, residual, correction),
         )
+
+
+class Recovering:
+    """The lengths that a step asks for: the rest lengths, or, with a depenetration speed, as far towards them as that
+    allows."""
+
+    def __init__(self, sim: Simulation, name: str, edge: wp.array, rest_length: wp.array):
+        self._sim = sim
+        self._edge, self._rest_length = edge, rest_length
+        self.rest_now = rest_length
+        if sim.depenetration_speed is not None:
+            self.rest_now = sim.allocate(f"{name}.rest_now", len(edge), sim.real)
+
+    def begin(self) -> None:
+        sim = self._sim
+        if sim.depenetration_speed is not None:
+            recovery = sim.depenetration_speed * abs(sim.stage_dt)
+            sim.launch(
+                limit_recovery, len(self._edge), self._edge, self._rest_length, sim.state.x, recovery, self.rest_now
+            )

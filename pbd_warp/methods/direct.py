@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import warp as wp
 
+from pbd_warp.constraints.distance import Recovering
 from pbd_warp.errors import InputError
 from pbd_warp.kernels.direct import add_corrections_to_both, solve_paths
 from pbd_warp.kernels.precision import PRECISIONS
@@ -75,7 +76,9 @@ class DirectSolver:
         place = len(vertex)
         self._first = sim.upload("direct.first", first, wp.int32)
         self._vertex = sim.upload("direct.vertex", vertex, wp.int32)
-        self._rest_length = sim.upload("direct.rest_length", _spread(edges.rest_length, link, 1.0))
+        rest_length = sim.upload("direct.rest_length", _spread(edges.rest_length, link, 1.0))
+        along = np.stack([vertex, np.where(link >= 0, np.append(vertex[1:], -1), vertex)], axis=1)
+        self._recovering = Recovering(sim, "direct", sim.upload("direct.edge", along, wp.vec2i), rest_length)
         self._compliance = self._point = self._target = self._point_compliance = None
         if np.any(edges.compliance > 0.0):
             self._compliance = sim.upload("direct.compliance", _spread(edges.compliance, link, 0.0))
@@ -106,6 +109,7 @@ class DirectSolver:
     def solve(self) -> None:
         sim = self._sim
         sim.launch.copy(self._base, sim.u)
+        self._recovering.begin()
         if not sim.contacts:
             self._newton(sim.lam_scale)
             return
@@ -120,7 +124,7 @@ class DirectSolver:
         sim.launch(
             solve_paths,
             len(self._first) - 1,
-            *(self._first, self._vertex, self._rest_length, self._compliance),
+            *(self._first, self._vertex, self._recovering.rest_now, self._compliance),
             *(self._point, self._target, self._point_compliance),
             *(sim.state.x, sim.w),
             *(self._base, sim.per_force, sim.integrator.mean_gradient, lam_scale),

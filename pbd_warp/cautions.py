@@ -1,0 +1,187 @@
+"""What is known to fail, told before the first step: each is a map of the stability atlas (docs/stability)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from pbd_warp.methods.direct import Direct, paths
+from pbd_warp.methods.jacobi import Jacobi
+from pbd_warp.spectrum import largest_eigenvalue
+
+if TYPE_CHECKING:
+    from pbd_warp.simulation import Simulation
+
+STRETCHED = 0.1
+"""Stretch that counts as a failure, as in the atlas."""
+
+WHIP = 0.2
+"""A link that turns by this angle in a step [rad] under its own weight is too much for "midpoint" as a whip."""
+
+NOISE = 0.01
+"""Velocity from rounding positions, relative to that of falling by a link's length, that counts as a failure."""
+
+
+ROUND_OFF = 1e-6
+"""A rope held straight is not held too far apart, whatever rounding says."""
+
+
+@dataclass(frozen=True)
+class Caution:
+    """One thing that is known to fail, and does so with these settings where severity is above 1.
+
+    test: The name of the check, and of the map in the atlas that shows the boundary.
+    """
+
+    test: str
+    text: str
+    remedy: str
+    severity: float
+
+    def __str__(self) -> str:
+        return f"{self.text}: {self.remedy} (test: {self.test})"
+
+
+def cautions(sim: Simulation) -> list[Caution]:
+    """All checks that apply, the worst first; those with a severity above 1 are known to fail."""
+    found = [c for test in TESTS for c in test(sim)]
+    return sorted(found, key=lambda caution: -caution.severity)
+
+
+def nearest_remedy(sim: Simulation) -> str:
+    """Of a simulation that failed: what its state and settings are known to fail of, and the cure; empty if nothing."""
+    known = [c for c in cautions(sim) if c.severity > 1.0]
+    return f"{known[0].text}: {known[0].remedy}" if known else ""
+
+
+def _positions(sim: Simulation) -> np.ndarray:
+    """Where the particles are, or began where they are nowhere any more; the grabbed one is where it is led to."""
+    x = sim.state.x.numpy().astype(np.float64)
+    if not np.isfinite(x).all():
+        x = sim.model.x.copy()
+    held = sim.held
+    if held is not None:
+        x[held] = sim.grab_target.numpy()[0]
+    return x
+
+
+def _relaxation(sim: Simulation) -> Iterator[Caution]:
+    """Jacobi converges where relaxation times the largest eigenvalue of a sweep is below 2."""
+    method = sim.method
+    if not isinstance(method, Jacobi) or (method.averaging == "mass-splitting" and method.relaxation < 2.0):
+        return
+    limit = 2.0 / max(largest_eigenvalue(sim.model, method, _positions(sim)), 1e-300)
+    # At the limit itself an error neither grows nor falls, and the estimate of it is good to some 0.1 %.
+    severity = method.relaxation / limit * (1.0 + 1e-3)
+    text = f"relaxation {method.relaxation:g} is above {limit:.3g}, the limit of Jacobi sweeps on this graph"
+    yield Caution("relaxation", text, "use averaging='mass-splitting', or a smaller relaxation", severity)
+
+
+def _truncation(sim: Simulation) -> Iterator[Caution]:
+    """K sweeps are like springs: a link that carries a tension T hangs stretched by h^2 T (n_i w_i + n_j w_j) / K.
+
+    From the stretch of truncated Jacobi, B^K (sum P B^k)^-1 h^2 T, for few sweeps on a long chain. T is taken as the
+    weight of all that hangs on the same fixed particles, three times over when it swings.
+    """
+    method, model = sim.method, sim.model
+    edges = model.distance
+    rated = edges.rest_length > 0.0
+    if isinstance(method, Direct) or not np.any(rated):
+        return
+    w = sim.w.numpy().astype(np.float64)
+    mass = np.divide(1.0, w, out=np.zeros_like(w), where=w > 0.0)
+    locked = w == 0.0
+    locked[model.point.particle] = True
+    parts = int(model.component.max()) + 1
+    weight = np.bincount(model.component, mass, parts) * np.linalg.norm(model.gravity)
+    weight[np.bincount(model.component, locked, parts) == 0.0] = 0.0  # what hangs on nothing falls without tension
+    i, j = edges.edge[rated].T
+    share = np.ones_like(w)
+    if isinstance(method, Jacobi) and method.averaging == "mass-splitting":
+        share = np.maximum(method.valence(model), 1).astype(np.float64)
+    sweeps = method.iterations * (method.relaxation if isinstance(method, Jacobi) else 2.0)
+    denominator = share[i] * w[i] + share[j] * w[j]
+    tension = 3.0 * weight[model.component[i]]
+    stretch = sim.substep_dt**2 * tension * denominator / (sweeps * edges.rest_length[rated])
+    stretch[edges.compliance[rated] > 0.0] = 0.0
+    worst = int(np.argmax(stretch))
+    part = model.component[i[worst]]
+    masses = mass[(model.component == part) & (mass > 0.0)]
+    ratio = float(masses.max() / masses.min()) if len(masses) else 1.0
+    links = int(np.sum(model.component[edges.edge[:, 0]] == part))
+    heavy = ratio > links
+    about = f"a mass ratio of {ratio:.3g}" if heavy else f"a chain of {links} links"
+    text = (
+        f"{about} is too much for {method.iterations} iterations at {sim.substeps} substeps (estimated stretch "
+        f"{100 * stretch[worst]:.2g} %)"
+    )
+    remedy = "use Direct, or more substeps"
+    yield Caution("mass_ratio" if heavy else "chain_length", text, remedy, float(stretch[worst]) / STRETCHED)
+
+
+def _step(sim: Simulation) -> Iterator[Caution]:
+    """The step is too long for what moves in it."""
+    model = sim.model
+    h = sim.substep_dt
+    if sim.integrator.mean_gradient and len(model.distance):
+        shortest = model.distance.rest_length[model.distance.rest_length > 0.0].min(initial=np.inf)
+        turn = h * np.sqrt(np.linalg.norm(model.gravity) / shortest)
+        text = f"a step of {h:.3g} s is long for links of {shortest:.3g} m and an integrator that damps nothing"
+        yield Caution("step", text, "use more substeps, or integrator 'bdf2'", float(turn) / WHIP)
+    solid = model.radius > 0.0
+    if sim.contacts and np.any(solid):
+        v = sim.state.v.numpy().astype(np.float64)
+        speed = np.linalg.norm(np.where(np.isfinite(v), v, 0.0), axis=1).max()
+        smallest = float(model.radius[solid].min())
+        text = f"{speed:.3g} m/s is {speed * h / smallest:.2g} radii in a step of {h:.3g} s"
+        remedy = "use more substeps: what a fast particle pushes may pass through others"
+        yield Caution("speed", text, remedy, float(speed * h / (2.0 * smallest)))
+
+
+def _precision(sim: Simulation) -> Iterator[Caution]:
+    """Positions are stored rounded: far out each step makes velocity out of that."""
+    model = sim.model
+    lengths = np.concatenate([model.distance.rest_length, model.radius])
+    lengths = lengths[lengths > 0.0]
+    if not len(lengths):
+        return
+    far = float(np.abs(_positions(sim)).max())
+    rounding = float(np.finfo(model.dtype).eps) * far
+    gravity = float(np.linalg.norm(model.gravity))
+    typical = np.sqrt(gravity * float(lengths.min())) or float(np.linalg.norm(model.v, axis=1).max())
+    if typical > 0.0:
+        severity = rounding / sim.substep_dt / (NOISE * typical)
+        text = f"{model.dtype} rounds positions {far:.3g} m from the origin to {rounding:.1g} m"
+        yield Caution("precision", text, "use dtype 'float64', or move the scene to the origin", float(severity))
+
+
+def _unreachable(sim: Simulation) -> Iterator[Caution]:
+    """Two ends held further apart than the rope between them is long."""
+    model = sim.model
+    if not isinstance(sim.method, Direct):
+        return
+    x = _positions(sim)
+    locked = sim.w.numpy() == 0.0
+    targets = sim.point_target.numpy() if sim.point_target is not None else np.zeros((0, 3))
+    rigid = model.point.compliance == 0.0
+    locked[model.point.particle[rigid]] = True
+    x[model.point.particle[rigid]] = targets[rigid]
+    edges = model.distance
+    vertex, first, link = paths(edges.edge, model.point.particle)
+    length = np.where(link >= 0, np.append(edges.rest_length, 0.0)[link], 0.0)
+    soft = np.where(link >= 0, np.append(edges.compliance, 0.0)[link] > 0.0, False)
+    for begin, end in pairwise(first):
+        held = begin + np.flatnonzero(locked[vertex[begin:end]])
+        for a, b in pairwise(held):
+            apart, rope = float(np.linalg.norm(x[vertex[a]] - x[vertex[b]])), float(length[a:b].sum())
+            if apart > 0.0 and not soft[a:b].any():
+                text = f"particles {vertex[a]} and {vertex[b]} are held {apart:.4g} m apart, on a rope of {rope:.4g} m"
+                remedy = "nothing satisfies that: bring them together, use 'jacobi', or a compliance"
+                yield Caution("unreachable", text, remedy, apart / (rope * (1.0 + ROUND_OFF)))
+
+
+TESTS = (_unreachable, _relaxation, _truncation, _step, _precision)
