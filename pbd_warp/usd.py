@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, Vt
@@ -125,7 +126,8 @@ class UsdWriter:
         v = state.v.numpy().astype(np.float32)
         if not (np.isfinite(x).all() and np.isfinite(v).all()):
             raise SimulationFailed(f"frame {self.frames} is not finite and was not written to {self._path}")
-        values = [value for geometry in self._geometry for value in geometry.values(x, v)]
+        everything = Vt.Vec3fArray.FromNumpy(x), Vt.Vec3fArray.FromNumpy(v)
+        values = [value for geometry in self._geometry for value in geometry.values(x, v, everything)]
         self._grow(values[2])  # that of all particles
         self._animation.write(values, self.frames)
 
@@ -165,7 +167,7 @@ class UsdWriter:
         colour = np.where(self._model.w[:, None] > 0.0, PARTICLE_COLOUR, FIXED_COLOUR).astype(np.float32)
         points.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(Vt.Vec3fArray.FromNumpy(colour))
         points.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
-        return _Geometry(points, np.arange(n), width)
+        return _Geometry(points, np.arange(n), width, n)
 
     def _define_curves(self, name: str, chains: list[np.ndarray], width: np.ndarray) -> _Geometry:
         curves = UsdGeom.BasisCurves.Define(self._stage, f"/World/{name}")
@@ -175,7 +177,7 @@ class UsdWriter:
         curves.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(*ROPE_COLOUR)])
         curves.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
         index = np.concatenate(chains)
-        return _Geometry(curves, index, width[index])
+        return _Geometry(curves, index, width[index], self._model.particle_count)
 
     def _define_surroundings(self) -> None:
         """Colliders, camera and light: they depend on where the motion went so far."""
@@ -234,19 +236,23 @@ class UsdWriter:
 class _Geometry:
     """A UsdGeom.Points or BasisCurves whose points are the particles of `index`."""
 
-    def __init__(self, geometry: UsdGeom.Points | UsdGeom.BasisCurves, index: np.ndarray, width: np.ndarray):
+    def __init__(
+        self, geometry: UsdGeom.Points | UsdGeom.BasisCurves, index: np.ndarray, width: np.ndarray, particles: int
+    ):
         self._geometry = geometry
         self._index = index
+        self._has_all = np.array_equal(index, np.arange(particles))  # in order: nothing to pick or to convert again
         self._widths = Vt.FloatArray.FromNumpy(width.astype(np.float32))
         geometry.CreateWidthsAttr(self._widths)
         self.extent = geometry.CreateExtentAttr()
         self.attributes = (geometry.CreatePointsAttr(), geometry.CreateVelocitiesAttr(), self.extent)
 
-    def values(self, x: np.ndarray, v: np.ndarray) -> tuple[Vt.Vec3fArray, Vt.Vec3fArray, Vt.Vec3fArray]:
-        """What the attributes are in a frame."""
-        points = Vt.Vec3fArray.FromNumpy(x[self._index])
-        velocities = Vt.Vec3fArray.FromNumpy(v[self._index])
-        return points, velocities, type(self._geometry).ComputeExtent(points, self._widths)
+    def values(self, x: np.ndarray, v: np.ndarray, everything: tuple[Vt.Vec3fArray, Vt.Vec3fArray]) -> list[Any]:
+        """What the attributes are in a frame; `everything` is x and v as arrays of USD."""
+        points, velocities = everything
+        if not self._has_all:
+            points, velocities = (Vt.Vec3fArray.FromNumpy(a.take(self._index, axis=0)) for a in (x, v))
+        return [points, velocities, type(self._geometry).ComputeExtent(points, self._widths)]
 
 
 def _shown_widths(model: Model) -> np.ndarray:
