@@ -15,7 +15,7 @@ from pbd_warp import check
 from pbd_warp.animation import Animation
 from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.kernels.collider import SPHERE
-from pbd_warp.model import Model, State
+from pbd_warp.model import Colliders, Model, State
 
 EXTENSIONS = (".usda", ".usdc", ".usd")
 
@@ -77,7 +77,6 @@ class UsdWriter:
     ):
         self._path = check_path(path)
         self._model = model
-        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
 
         self._stage = stage = Usd.Stage.CreateInMemory()
         fps = check.number("fps", fps, above=0.0)
@@ -104,9 +103,10 @@ class UsdWriter:
             self._geometry.append(self._define_curves("Edges", list(model.distance.edge[loose]), 0.5 * width))
 
         attributes = [attribute for geometry in self._geometry for attribute in geometry.attributes]
-        self._animation = Animation(self._path, stage, attributes, resume, self._define_surroundings)
+        self._surroundings = _Surroundings(stage, model.colliders)
+        self._animation = Animation(self._path, stage, attributes, resume, self._surroundings.define)
         for extent in self._animation.values(self._geometry[0].extent):
-            self._grow(extent)
+            self._surroundings.include(extent)
 
     @property
     def frames(self) -> int:
@@ -128,7 +128,7 @@ class UsdWriter:
             raise SimulationFailed(f"frame {self.frames} is not finite and was not written to {self._path}")
         everything = Vt.Vec3fArray.FromNumpy(x), Vt.Vec3fArray.FromNumpy(v)
         values = [value for geometry in self._geometry for value in geometry.values(x, v, everything)]
-        self._grow(values[2])  # that of all particles
+        self._surroundings.include(values[2])  # the extent of all particles
         self._animation.write(values, self.frames)
 
     def flush(self) -> None:
@@ -155,11 +155,6 @@ class UsdWriter:
     ) -> None:
         self._animation.__exit__(kind, error, trace)
 
-    def _grow(self, extent: Vt.Vec3fArray) -> None:
-        """The camera sees this extent too."""
-        self._low = np.minimum(self._low, extent[0])
-        self._high = np.maximum(self._high, extent[1])
-
     def _define_points(self, width: np.ndarray) -> _Geometry:
         points = UsdGeom.Points.Define(self._stage, "/World/Particles")
         n = self._model.particle_count
@@ -179,8 +174,22 @@ class UsdWriter:
         index = np.concatenate(chains)
         return _Geometry(curves, index, width[index], self._model.particle_count)
 
-    def _define_surroundings(self) -> None:
-        """Colliders, camera and light: they depend on where the motion went so far."""
+
+class _Surroundings:
+    """Colliders, camera and light, which depend on where the motion goes."""
+
+    def __init__(self, stage: Usd.Stage, colliders: Colliders):
+        self._stage = stage
+        self._colliders = colliders
+        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+
+    def include(self, extent: Vt.Vec3fArray) -> None:
+        """The motion goes here too."""
+        self._low = np.minimum(self._low, extent[0])
+        self._high = np.maximum(self._high, extent[1])
+
+    def define(self) -> None:
+        """Define them for the motion so far."""
         if self._low[0] > self._high[0]:
             return  # no frame yet, or those that are resumed are still to be read
         for name in ("Colliders", "Camera", "Light"):
@@ -195,7 +204,7 @@ class UsdWriter:
         light.AddRotateXYZOp().Set(Gf.Vec3f(-40, 25, 0))
 
     def _define_colliders(self, centre: np.ndarray, size: float) -> None:
-        c = self._model.colliders
+        c = self._colliders
         if len(c.kind):
             UsdGeom.Scope.Define(self._stage, "/World/Colliders")
         for number, (kind, point, normal, radius) in enumerate(zip(c.kind, c.centre, c.normal, c.size, strict=True)):
