@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
-from pxr import Gf, Kind, Tf, Usd, UsdGeom, UsdLux, Vt
+from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, Vt
 
 from pbd_warp import check
+from pbd_warp.animation import Animation
 from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.kernels.collider import SPHERE
-from pbd_warp.model import Model, State
+from pbd_warp.model import Colliders, Model, State
 
 EXTENSIONS = (".usda", ".usdc", ".usd")
 
@@ -47,20 +48,23 @@ class UsdWriter:
     Time code n is the n-th frame written, an integer. The file appears under its name when it is complete, whole
     or not at all. After an exception (Ctrl-C included) the frames so far become a valid file too: under the
     name asked for, or, where an older file stands there, beside it as `<stem>.partial<extension>`; an unfinished
-    file never replaces a finished one.
+    file never replaces a finished one. What a killed process leaves has that name too (see
+    `pbd_warp.animation.Animation`).
 
     Args:
         path: Where to. Its folder exists.
         model: What the states belong to.
         fps: Frames, and time codes, a second.
         metadata: Provenance, kept as customLayerData: names to strings or numbers.
+        resume: Go on after so many frames of what lies on disk; frames beyond are dropped.
 
     Attributes:
         frames: Frames written so far.
         saved: The path written in the end, None until then.
 
     Raises:
-        InputError: an unknown extension, a folder that does not exist or cannot be written to, fps <= 0.
+        InputError: an unknown extension, a folder that does not exist or cannot be written to, fps <= 0, fewer frames
+            on disk than `resume`, another process that is writing to the path.
     """
 
     def __init__(
@@ -69,12 +73,10 @@ class UsdWriter:
         model: Model,
         fps: float = 60.0,
         metadata: Mapping[str, str | int | float] | None = None,
+        resume: int | None = None,
     ):
         self._path = check_path(path)
         self._model = model
-        self.frames = 0
-        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
-        self.saved: Path | None = None
 
         self._stage = stage = Usd.Stage.CreateInMemory()
         fps = check.number("fps", fps, above=0.0)
@@ -83,6 +85,7 @@ class UsdWriter:
         stage.SetTimeCodesPerSecond(fps)
         stage.SetFramesPerSecond(fps)
         stage.SetStartTimeCode(0)
+        stage.SetEndTimeCode(0)
         if metadata:
             stage.GetRootLayer().customLayerData = dict(metadata)
         world = UsdGeom.Xform.Define(stage, "/World")
@@ -99,6 +102,20 @@ class UsdWriter:
         if np.any(loose):
             self._geometry.append(self._define_curves("Edges", list(model.distance.edge[loose]), 0.5 * width))
 
+        attributes = [attribute for geometry in self._geometry for attribute in geometry.attributes]
+        self._surroundings = _Surroundings(stage, model.colliders)
+        self._animation = Animation(self._path, stage, attributes, resume, self._surroundings.define)
+        for extent in self._animation.values(self._geometry[0].extent):
+            self._surroundings.include(extent)
+
+    @property
+    def frames(self) -> int:
+        return self._animation.frames
+
+    @property
+    def saved(self) -> Path | None:
+        return self._animation.saved
+
     def write(self, state: State) -> None:
         """Write one frame.
 
@@ -109,16 +126,26 @@ class UsdWriter:
         v = state.v.numpy().astype(np.float32)
         if not (np.isfinite(x).all() and np.isfinite(v).all()):
             raise SimulationFailed(f"frame {self.frames} is not finite and was not written to {self._path}")
-        for geometry in self._geometry:
-            geometry.write(x, v, self.frames)
-        reach = self._model.radius[:, None]
-        self._low = np.minimum(self._low, (x - reach).min(axis=0))
-        self._high = np.maximum(self._high, (x + reach).max(axis=0))
-        self.frames += 1
+        everything = Vt.Vec3fArray.FromNumpy(x), Vt.Vec3fArray.FromNumpy(v)
+        values = [value for geometry in self._geometry for value in geometry.values(x, v, everything)]
+        self._surroundings.include(values[2])  # the extent of all particles
+        self._animation.write(values, self.frames)
+
+    def flush(self) -> None:
+        """Make the frames so far survive a kill; otherwise every 32 frames do.
+
+        Raises:
+            SimulationFailed: they could not be written.
+        """
+        self._animation.flush()
 
     def close(self) -> None:
-        """Complete the file and put it under its name."""
-        self._save(self._path)
+        """Complete the file and put it under its name.
+
+        Raises:
+            SimulationFailed: it could not be written; the error says where the frames so far are.
+        """
+        self._animation.close()
 
     def __enter__(self) -> UsdWriter:
         return self
@@ -126,30 +153,7 @@ class UsdWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if error is None:
-            self.close()
-        elif self.frames:
-            path = self._path
-            self._save(path.with_name(f"{path.stem}.partial{path.suffix}") if path.exists() else path)
-
-    def _save(self, path: Path) -> None:
-        stage = self._stage
-        stage.SetEndTimeCode(max(self.frames - 1, 0))
-        if self.frames:
-            self._define_surroundings()
-        # The suffix decides the format, so the temporary name keeps it.
-        temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-        try:
-            if not stage.GetRootLayer().Export(str(temporary)):
-                raise OSError("USD could not export the layer")
-            with open(temporary, "rb+") as file:
-                os.fsync(file.fileno())
-            os.replace(temporary, path)
-        except (OSError, Tf.ErrorException) as error:
-            with contextlib.suppress(OSError):
-                temporary.unlink()
-            raise SimulationFailed(f"{path} could not be written: {error}; is the disk full?") from error
-        self.saved = path
+        self._animation.__exit__(kind, error, trace)
 
     def _define_points(self, width: np.ndarray) -> _Geometry:
         points = UsdGeom.Points.Define(self._stage, "/World/Particles")
@@ -158,7 +162,7 @@ class UsdWriter:
         colour = np.where(self._model.w[:, None] > 0.0, PARTICLE_COLOUR, FIXED_COLOUR).astype(np.float32)
         points.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(Vt.Vec3fArray.FromNumpy(colour))
         points.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
-        return _Geometry(points, np.arange(n), width)
+        return _Geometry(points, np.arange(n), width, n)
 
     def _define_curves(self, name: str, chains: list[np.ndarray], width: np.ndarray) -> _Geometry:
         curves = UsdGeom.BasisCurves.Define(self._stage, f"/World/{name}")
@@ -168,10 +172,28 @@ class UsdWriter:
         curves.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(*ROPE_COLOUR)])
         curves.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
         index = np.concatenate(chains)
-        return _Geometry(curves, index, width[index])
+        return _Geometry(curves, index, width[index], self._model.particle_count)
 
-    def _define_surroundings(self) -> None:
-        """Colliders, camera and light: they depend on where the motion went."""
+
+class _Surroundings:
+    """Colliders, camera and light, which depend on where the motion goes."""
+
+    def __init__(self, stage: Usd.Stage, colliders: Colliders):
+        self._stage = stage
+        self._colliders = colliders
+        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+
+    def include(self, extent: Vt.Vec3fArray) -> None:
+        """The motion goes here too."""
+        self._low = np.minimum(self._low, extent[0])
+        self._high = np.maximum(self._high, extent[1])
+
+    def define(self) -> None:
+        """Define them for the motion so far."""
+        if self._low[0] > self._high[0]:
+            return  # no frame yet, or those that are resumed are still to be read
+        for name in ("Colliders", "Camera", "Light"):
+            self._stage.RemovePrim(f"/World/{name}")
         centre = 0.5 * (self._low + self._high)
         # A single resting particle still has a surrounding.
         size = np.maximum(self._high - self._low, 1e-3)
@@ -182,7 +204,7 @@ class UsdWriter:
         light.AddRotateXYZOp().Set(Gf.Vec3f(-40, 25, 0))
 
     def _define_colliders(self, centre: np.ndarray, size: float) -> None:
-        c = self._model.colliders
+        c = self._colliders
         if len(c.kind):
             UsdGeom.Scope.Define(self._stage, "/World/Colliders")
         for number, (kind, point, normal, radius) in enumerate(zip(c.kind, c.centre, c.normal, c.size, strict=True)):
@@ -223,20 +245,23 @@ class UsdWriter:
 class _Geometry:
     """A UsdGeom.Points or BasisCurves whose points are the particles of `index`."""
 
-    def __init__(self, geometry: UsdGeom.Points | UsdGeom.BasisCurves, index: np.ndarray, width: np.ndarray):
+    def __init__(
+        self, geometry: UsdGeom.Points | UsdGeom.BasisCurves, index: np.ndarray, width: np.ndarray, particles: int
+    ):
         self._geometry = geometry
         self._index = index
+        self._has_all = np.array_equal(index, np.arange(particles))  # in order: nothing to pick or to convert again
         self._widths = Vt.FloatArray.FromNumpy(width.astype(np.float32))
         geometry.CreateWidthsAttr(self._widths)
-        self._points = geometry.CreatePointsAttr()
-        self._velocities = geometry.CreateVelocitiesAttr()
-        self._extent = geometry.CreateExtentAttr()
+        self.extent = geometry.CreateExtentAttr()
+        self.attributes = (geometry.CreatePointsAttr(), geometry.CreateVelocitiesAttr(), self.extent)
 
-    def write(self, x: np.ndarray, v: np.ndarray, time_code: int) -> None:
-        points = Vt.Vec3fArray.FromNumpy(x[self._index])
-        self._points.Set(points, time_code)
-        self._velocities.Set(Vt.Vec3fArray.FromNumpy(v[self._index]), time_code)
-        self._extent.Set(type(self._geometry).ComputeExtent(points, self._widths), time_code)
+    def values(self, x: np.ndarray, v: np.ndarray, everything: tuple[Vt.Vec3fArray, Vt.Vec3fArray]) -> list[Any]:
+        """What the attributes are in a frame; `everything` is x and v as arrays of USD."""
+        points, velocities = everything
+        if not self._has_all:
+            points, velocities = (Vt.Vec3fArray.FromNumpy(a.take(self._index, axis=0)) for a in (x, v))
+        return [points, velocities, type(self._geometry).ComputeExtent(points, self._widths)]
 
 
 def _shown_widths(model: Model) -> np.ndarray:

@@ -210,6 +210,41 @@ def test_a_file_that_cannot_be_finished_is_an_error_and_the_old_one_stays(tmp_pa
     assert [p.name for p in tmp_path.iterdir()] == ["a.usda"]
 
 
+@pytest.mark.parametrize("suffix", [".usda", ".usdc"])
+@pytest.mark.parametrize("done", [1, 40, 64, 70])
+def test_a_resumed_run_equals_an_uninterrupted_one(tmp_path, suffix, done):
+    """Camera and colliders included, which depend on all of the motion."""
+    scene = pbd.load_scene("collision")
+    model = scene.builder.finalize()
+
+    def frames(count):
+        sim = pbd.Simulation(model, substeps=4)
+        for _ in range(count):
+            yield sim.state
+            sim.step()
+
+    path = tmp_path / f"a{suffix}"
+    with pbd.UsdWriter(path, model) as writer:
+        for state in frames(75):
+            writer.write(state)
+    expected = path.read_bytes()
+    path.unlink()
+    killed = pbd.UsdWriter(path, model)
+    for state in frames(72):
+        killed.write(state)
+    killed.flush()
+    assert samples(tmp_path / f"a.partial{suffix}") == list(range(72))
+    del killed
+    with pbd.UsdWriter(path, model, resume=done) as writer:
+        assert writer.frames == done
+        assert samples(tmp_path / f"a.partial{suffix}") == list(range(done))
+        for number, state in enumerate(frames(75)):
+            if number >= done:
+                writer.write(state)
+    assert path.read_bytes() == expected
+    assert len(list(tmp_path.iterdir())) == 1
+
+
 def test_what_is_not_finite_is_not_written(tmp_path):
     model = rope_model(dtype="float32")
     sim = pbd.Simulation(model)
