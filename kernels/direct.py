@@ -111,6 +111,7 @@ def solve_paths(
         a = Real(0.0)
         c = Real(0.0)
         force = Vec3()
+        left_out = Real(0.0)
         for s in range(begin, end):
             i = vertex[s]
             Pg = P * g
@@ -178,6 +179,8 @@ def solve_paths(
                     known = rhs / pivot + wp.dot(gain, b)
                     m = m - known * t
                     P = P - wp.outer(t, gain)
+                else:
+                    left_out = wp.max(left_out, wp.abs(rhs))
             inverse[s] = P
             solution[s] = m
             lam_gain[s] = gain
@@ -215,6 +218,8 @@ def solve_paths(
         if step <= round_off * Real(end - begin) * largest and step > Real(0.25) * step_before:
             error = Real(0.0)
         step_before = step
+        # A link whose pivot vanishes takes no part in this step: its error is what it is, whatever the others' steps.
+        error = wp.max(error, left_out)
     wp.atomic_add(iterations_used, 0, used)
     if error > tolerance:
         wp.atomic_add(unconverged, 0, 1)

@@ -7,6 +7,7 @@ simulation, so that there is no list of what is state and what is scratch to get
 from __future__ import annotations
 
 import json
+import os
 import zipfile
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
@@ -19,8 +20,8 @@ from pbd_warp import check
 from pbd_warp.builder import DTYPES, find_device
 from pbd_warp.constraints.distance import DistanceSet
 from pbd_warp.constraints.point import PointSet
-from pbd_warp.errors import InputError, SimulationFailed
-from pbd_warp.files import replacing
+from pbd_warp.durable import replacing
+from pbd_warp.errors import InputError
 from pbd_warp.methods import METHODS
 from pbd_warp.model import Colliders, Contacts, Model
 from pbd_warp.simulation import Simulation
@@ -58,11 +59,8 @@ def save(sim: Simulation, path: str | Path, extra: Mapping[str, Any] | None = No
     members: dict[str, Any] = {"header": np.frombuffer(json.dumps(header).encode(), np.uint8)}
     members |= {f"model/{name}": values for name, values in _flat(sim.model)}
     members |= {f"array/{name}": array.numpy() for name, array in sim.arrays.items()}
-    try:
-        with replacing(path) as temporary, open(temporary, "wb") as file:
-            np.savez(file, **members)
-    except OSError as error:
-        raise SimulationFailed(f"checkpoint {path} could not be written: {error}; is the disk full?") from error
+    with replacing(path, path.with_name(f".{path.name}.{os.getpid()}")) as temporary, open(temporary, "wb") as file:
+        np.savez(file, **members)
 
 
 def load(path: str | Path, device: Any = None) -> Simulation:

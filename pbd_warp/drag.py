@@ -15,7 +15,7 @@ from pbd_warp.simulation import Simulation
 GESTURES = ("select", "move", "deselect")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Hold:
     """One particle from select to deselect, and the way it is led."""
 
@@ -52,6 +52,16 @@ class Drag:
     def check_particles(self, particle_count: int) -> None:
         """Raise an InputError for a script that selects a particle there is not; better before a run than in it."""
         check.indices("drag: select", [hold.particle for hold in self._holds], particle_count)
+
+    @property
+    def memory(self) -> list[Any] | None:
+        """What it knows of the particle in hand, for a checkpoint: which hold, and where it was selected."""
+        return None if self._now is None else [self._holds.index(self._now), self._selected_at.tolist()]
+
+    def resume(self, memory: list[Any] | None) -> None:
+        """Go on from a checkpoint; the simulation holds the particle already."""
+        if memory is not None:
+            self._now, self._selected_at = self._holds[memory[0]], np.array(memory[1])
 
     def advance(self, sim: Simulation) -> None:
         """Do what the script says for the frame that `sim.step()` makes next."""

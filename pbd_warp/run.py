@@ -14,8 +14,10 @@ import warp as wp
 
 import pbd_warp
 from pbd_warp import check
+from pbd_warp.cautions import Caution
+from pbd_warp.checkpoint import restore, save
 from pbd_warp.drag import Drag
-from pbd_warp.errors import Interrupted, SimulationFailed
+from pbd_warp.errors import InputError, Interrupted, SimulationFailed
 from pbd_warp.measure import measure
 from pbd_warp.model import Model
 from pbd_warp.scene import Scene
@@ -28,6 +30,7 @@ class RunStats:
     """What a run was and how it went; the fields are the keys of `--stats FILE.json`.
 
     unconverged: Steps that ended above the method's tolerance, None where it has none.
+    retried: Frames that were made again after a failure (`on_failure`).
     """
 
     scene: str
@@ -48,9 +51,46 @@ class RunStats:
     constraints: int
     out: str
     unconverged: int | None
+    retried: int
 
     def save(self, path: Path) -> None:
         path.write_text(json.dumps(vars(self), indent=2) + "\n")
+
+
+@dataclass(frozen=True)
+class Checkpoints:
+    """Where a run leaves what it needs to go on: `path`, anew after `every` frames. resume: Go on from it."""
+
+    path: Path
+    every: int = 100
+    resume: bool = False
+
+    def __post_init__(self) -> None:
+        check.whole("every", self.every, low=1)
+        check.folder(self.path.parent)
+
+
+@dataclass
+class _Progress:
+    """The running figures of a run; with them it is resumed."""
+
+    frames: int
+    energy_start: float
+    energy: float
+    max_stretch: float
+    max_residual: float
+    unconverged: int | None
+    wall: float = 0.0
+
+    def note(self, sim: Simulation, seconds: float) -> None:
+        """Another frame."""
+        now = measure(sim)
+        self.energy = now.energy
+        self.max_stretch = max(self.max_stretch, now.max_stretch)
+        self.max_residual = max(self.max_residual, now.residual)
+        if self.unconverged is not None:
+            self.unconverged += sim.unconverged or 0
+        self.wall += seconds
 
 
 def make_simulation(scene: Scene, model: Model) -> Simulation:
@@ -75,11 +115,15 @@ def run(
     device: str | None = None,
     dtype: str = "float32",
     on_frame: Callable[[int], object] = lambda frame: None,
+    on_caution: Callable[[Caution], object] = lambda caution: None,
+    checkpoints: Checkpoints | None = None,
 ) -> RunStats:
     """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
 
     Args:
         on_frame: Called after each frame with how many are written. A KeyboardInterrupt from it ends the run.
+        on_caution: Called before the first step with each thing that is known to fail (`Simulation.check`).
+        checkpoints: Where to leave them; a resumed run ends with the same file as one that never stopped.
 
     Raises:
         InputError: before anything is simulated or written.
@@ -99,39 +143,48 @@ def run(
         "substeps": scene.substeps,
         "iterations": scene.method.iterations,
     }
+    for caution in sim.check():
+        on_caution(caution)
     now = measure(sim)
-    energy_start, worst_stretch, worst_residual = now.energy, now.max_stretch, now.residual
-    wall = 0.0
-    unconverged = sim.unconverged
-    writer = UsdWriter(out, model, scene.fps, {"version": pbd_warp.__version__, **settings})
+    progress = _Progress(0, now.energy, now.energy, now.max_stretch, now.residual, sim.unconverged)
+    if checkpoints and checkpoints.resume:
+        extra = restore(sim, checkpoints.path)
+        drag.resume(extra["drag"])
+        progress = _Progress(**extra["progress"])
+        if progress.frames >= frames:
+            raise InputError(
+                f"checkpoint {checkpoints.path} is of frame {progress.frames}, and {frames} were asked for"
+            )
+    metadata = {"version": pbd_warp.__version__, **settings}
+    writer = UsdWriter(out, model, scene.fps, metadata, resume=progress.frames or None)
     with _say_what_is_kept(writer), writer:
-        for frame in range(frames):
+        for frame in range(progress.frames, frames):
             if frame > 0:
                 drag.advance(sim)
                 start = time.perf_counter()
                 sim.step()
                 wp.synchronize_device(model.device)
-                wall += time.perf_counter() - start
-                now = measure(sim)
-                worst_stretch = max(worst_stretch, now.max_stretch)
-                worst_residual = max(worst_residual, now.residual)
-                if unconverged is not None:
-                    unconverged += sim.unconverged or 0
+                progress.note(sim, time.perf_counter() - start)
             writer.write(sim.state)
-            on_frame(frame + 1)
+            progress.frames = frame + 1
+            on_frame(progress.frames)
+            if checkpoints and progress.frames % checkpoints.every == 0 and progress.frames < frames:
+                writer.flush()  # first, so that the file has every frame up to the checkpoint
+                save(sim, checkpoints.path, {"drag": drag.memory, "progress": vars(progress)})
     return RunStats(
         **settings,
         frames=frames,
         compile_s=sim.compile_seconds,
-        wall_ms_per_frame=1e3 * wall / max(frames - 1, 1),
-        max_stretch=worst_stretch,
-        max_residual=worst_residual,
-        energy_start=energy_start,
-        energy_end=now.energy,
+        wall_ms_per_frame=1e3 * progress.wall / max(frames - 1, 1),
+        max_stretch=progress.max_stretch,
+        max_residual=progress.max_residual,
+        energy_start=progress.energy_start,
+        energy_end=progress.energy,
         particles=model.particle_count,
         constraints=model.constraint_count,
         out=str(out),
-        unconverged=unconverged,
+        unconverged=progress.unconverged,
+        retried=sim.retried,
     )
 
 

@@ -45,7 +45,7 @@ def test_run_writes_the_file_the_table_and_the_stats(tmp_path):
     assert list(stats) == [
         *["scene", "device", "dtype", "method", "integrator", "substeps", "iterations", "frames", "compile_s"],
         *["wall_ms_per_frame", "max_stretch", "max_residual", "energy_start", "energy_end", "particles"],
-        *["constraints", "out", "unconverged"],
+        *["constraints", "out", "unconverged", "retried"],
     ]
     given = {"scene": "rope", "dtype": "float64", "method": "jacobi", "integrator": "pbd", "substeps": 8}
     given |= {"iterations": 3, "frames": 20, "particles": 21, "constraints": 21, "out": "r.usda", "unconverged": None}
@@ -184,3 +184,61 @@ def test_ctrl_c_keeps_the_frames_so_far(tmp_path):
     frames = samples(tmp_path / "rope.usda")
     assert len(frames) > 10
     assert f"interrupted; the {len(frames)} frames so far are in rope.usda" in last_line(errors)
+
+
+def test_a_killed_run_goes_on_and_ends_as_if_it_never_was(tmp_path):
+    run = ["run", "collision", "--frames", "90", "--substeps", "4"]
+    assert call(*run, "--out", "whole.usda", cwd=tmp_path).returncode == 0
+    kept = [*run, "--out", "r.usda", "--checkpoint", "c.npz", "--every", "50"]
+    killed = subprocess.Popen(command(*kept, "--frames", "100000"), cwd=tmp_path, stderr=subprocess.DEVNULL)
+    while not (tmp_path / "c.npz").exists():
+        time.sleep(0.01)
+    killed.kill()
+    killed.wait()
+    assert not (tmp_path / "r.usda").exists()
+    frame = pbd.Simulation.load(tmp_path / "c.npz").frame + 1
+    assert frame % 50 == 0
+    result = call(*kept, "--resume", "--frames", frame + 40, "--stats", "s.json", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    whole = call(*run, "--out", "whole.usda", "--frames", frame + 40, "--stats", "w.json", cwd=tmp_path)
+    assert whole.returncode == 0
+    assert (tmp_path / "r.usda").read_bytes() == (tmp_path / "whole.usda").read_bytes()
+    stats, expected = (json.loads((tmp_path / name).read_text()) for name in ("s.json", "w.json"))
+    for key in ("frames", "max_residual", "energy_start", "energy_end", "unconverged", "retried"):
+        assert stats[key] == expected[key], key
+
+
+def test_a_resumed_run_remembers_the_hand(tmp_path):
+    """The checkpoint of frame 100 lies between two moves of the drag of "point", at 1.67 s."""
+    run = ["run", "point", "--substeps", "4"]
+    kept = [*run, "--out", "r.usda", "--checkpoint", "c.npz", "--every", "70"]
+    for arguments in ([*run, "--out", "w.usda", "--frames", 150], [*kept, "--frames", 100]):
+        assert call(*arguments, cwd=tmp_path).returncode == 0
+    assert pbd.Simulation.load(tmp_path / "c.npz").held is not None
+    assert call(*kept, "--frames", 150, "--resume", cwd=tmp_path).returncode == 0
+    assert (tmp_path / "r.usda").read_bytes() == (tmp_path / "w.usda").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--resume"], "name it with --checkpoint FILE"),
+        (["--resume", "--checkpoint", "none.npz"], "there is no checkpoint none.npz"),
+        (["--checkpoint", "c.npz", "--every", "0"], "every must be at least 1, not 0"),
+        (["--checkpoint", "nowhere/c.npz"], "nowhere does not exist"),
+        (["--on-failure", "pray"], "unknown on_failure 'pray'"),
+    ],
+)
+def test_checkpoints_that_cannot_be(tmp_path, arguments, message):
+    result = call("run", "rope", "--frames", 5, *arguments, cwd=tmp_path)
+    assert result.returncode == 2
+    assert message in last_line(result.stderr)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_known_to_fail_is_said_before_the_run(tmp_path):
+    arguments = ["--set", "links=49", "--integrator", "midpoint", "--substeps", 1, "--frames", 30]
+    result = call("run", "chain", *arguments, cwd=tmp_path)
+    assert result.returncode == 0
+    assert "pbd-warp: known to fail: a step of 0.0167 s is long for links of 0.0204 m" in result.stderr
+    assert "(test: step)" in result.stderr

@@ -10,6 +10,7 @@ from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.integrators import INTEGRATORS
 from pbd_warp.methods import METHODS
+from pbd_warp.recovery import ON_FAILURE
 from pbd_warp.scene import Scene, load_scene
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A scene's name, or your own file.py.")]
@@ -24,6 +25,7 @@ Tolerance = Annotated[float | None, typer.Option(help="Stop iterating when the l
 Integrator = Annotated[
     str | None, typer.Option(help=f"How velocity becomes position and back: {', '.join(INTEGRATORS)}.")
 ]
+OnFailure = Annotated[str | None, typer.Option(help=f"What becomes of a frame that fails: {', '.join(ON_FAILURE)}.")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A setting of the scene.")]
 Seed = Annotated[int | None, typer.Option(help="For scenes with something random in them.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback with an error.")]

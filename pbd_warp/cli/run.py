@@ -20,6 +20,7 @@ from pbd_warp.cli.options import (
     Integrator,
     Iterations,
     Method,
+    OnFailure,
     SceneName,
     Seed,
     Set,
@@ -30,7 +31,7 @@ from pbd_warp.cli.options import (
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
 from pbd_warp.errors import InputError
 from pbd_warp.methods import METHODS
-from pbd_warp.run import RunStats, run
+from pbd_warp.run import Checkpoints, RunStats, run
 from pbd_warp.scene import Scene
 from pbd_warp.sweep import charts_folder
 from pbd_warp.usd import check_path
@@ -49,11 +50,15 @@ def run_scene(
     substeps: Substeps = None,
     integrator: Integrator = None,
     tolerance: Tolerance = None,
+    on_failure: OnFailure = None,
     seed: Seed = None,
     set_: Set = None,
     accuracy: Annotated[
         float | None, typer.Option(help="Take the fastest settings that the scene's chart has within this error [m].")
     ] = None,
+    checkpoint: Annotated[Path | None, typer.Option(help="Leave in this file what is needed to go on.")] = None,
+    every: Annotated[int, typer.Option(help="Frames from checkpoint to checkpoint.")] = Checkpoints.every,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")] = False,
     stats: Annotated[Path | None, typer.Option(help="Write the closing figures to this JSON file.")] = None,
     debug: Debug = False,
 ) -> None:
@@ -71,9 +76,16 @@ def run_scene(
         path = check_path(out if out is not None else Path(f"{built.name}.usda"))
         if stats is not None:
             check.folder(stats.parent)
+        if on_failure is not None:
+            built.on_failure = on_failure
+        if resume and checkpoint is None:
+            raise InputError("--resume goes on from a checkpoint: name it with --checkpoint FILE")
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             result = run(
-                built, path, device, dtype or "float32", lambda done: (advance(done, built.frames), stop_if_asked())
+                *(built, path, device, dtype or "float32"),
+                on_frame=lambda done: (advance(done, built.frames), stop_if_asked()),
+                on_caution=lambda caution: typer.echo(f"pbd-warp: known to fail: {caution}", err=True),
+                checkpoints=Checkpoints(checkpoint, every, resume) if checkpoint is not None else None,
             )
         if stats is not None:
             result.save(stats)
@@ -110,4 +122,6 @@ def _table(stats: RunStats) -> str:
     }
     if stats.unconverged is not None:
         rows["converged"] = f"all but {stats.unconverged} steps" if stats.unconverged else "every step"
+    if stats.retried:
+        rows["retried"] = f"{stats.retried} frames that had failed"
     return "\n".join(f"{name:13} {value}" for name, value in rows.items())
