@@ -50,10 +50,11 @@ def sum_energy(
     energy: wp.array[wp.float64],  # [1] added to: kinetic and in gravity [J]
 ):
     first = wp.tid() * CHUNK
-    total = wp.float64(0.0)
+    total = Real(0.0)
     for i in range(first, wp.min(first + CHUNK, x.shape[0])):
-        total = total + wp.float64(mass[i] * (Real(0.5) * wp.dot(v[i], v[i]) - wp.dot(gravity, x[i])))
-    wp.atomic_add(energy, 0, total)
+        v_i = v[i]
+        total = total + mass[i] * (Real(0.5) * wp.dot(v_i, v_i) - wp.dot(gravity, x[i]))
+    wp.atomic_add(energy, 0, wp.float64(total))
 
 
 @kernel
