@@ -12,7 +12,7 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd, Vt
 
-from pbd_warp.durable import FolderLock, reason, replacing
+from pbd_warp.durable import FolderLock, LateSync, reason, replacing
 from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.merge import Frame, declare, write_binary, write_text
 
@@ -70,6 +70,7 @@ class Animation:
         self._times: list[float] = []  # its frames
         self._last: float | None = None
         self._kept = 0  # frames that a kill leaves
+        self._late = LateSync()
         if self._folder.is_dir():
             FolderLock(self._folder).release()
         if resume:
@@ -88,15 +89,13 @@ class Animation:
             self._end_chunk()
 
     def flush(self) -> None:
-        """Make what was written so far survive a kill.
+        """Make what was written so far survive a kill, and a machine that loses power.
 
         Raises:
             SimulationFailed: it could not be written.
         """
-        if self._kept < self.frames:
-            self._take_place()
-            self._write_chunk()
-            self._write_root()
+        self._save()
+        self._late.finish()
 
     def values(self, attribute: Usd.Attribute) -> Iterator[Any]:
         """What was written of an attribute so far, frame by frame, read from disk where it is there."""
@@ -140,7 +139,7 @@ class Animation:
         self.frames += 1
 
     def _end_chunk(self) -> None:
-        self.flush()
+        self._save()
         self._begin_chunk()
 
     def _begin_chunk(self) -> None:
@@ -153,8 +152,14 @@ class Animation:
     def _file(self, number: int) -> Path:
         return self._folder / f"{number:06}.usdc"
 
+    def _save(self) -> None:
+        if self._kept < self.frames:
+            self._take_place()
+            self._write_chunk()
+            self._write_root()
+
     def _write_chunk(self) -> None:
-        with replacing(self._file(self._full), self._folder / "new.usdc") as temporary:
+        with replacing(self._file(self._full), self._folder / "new.usdc", self._late) as temporary:
             self._chunk.Export(str(temporary))
 
     def _recorded(self, paths: Sequence[Sdf.Path]) -> Iterator[Frame]:
@@ -202,7 +207,7 @@ class Animation:
         }
         for prim in dict.fromkeys(path.GetPrefixes()[0] for path in self._types):
             layer.GetPrimAtPath(prim).SetInfo("clips", {"default": {**clips, "primPath": str(prim)}})
-        with replacing(self._root, self._folder / f"new{self._root.suffix}") as temporary:
+        with replacing(self._root, self._folder / f"new{self._root.suffix}", self._late) as temporary:
             layer.Export(str(temporary))
         self._kept = self.frames
 
@@ -243,7 +248,8 @@ class Animation:
         elif file.suffix == ".usda":
             write_text(file, static, self._types, self._recorded)
         else:
-            write_binary(file, static, paths, self._recorded(paths))
+            write_binary(file, static, paths, self._recorded(paths), lambda: self._late.add(file))
+            self._late.finish()
 
     def _resume(self, count: int) -> None:
         left = [path for path in (self._root, self._path) if path.exists()]

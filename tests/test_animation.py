@@ -112,6 +112,17 @@ def test_flushed_frames_are_on_disk_and_the_file_is_the_same(tmp_path):
     assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "a.usdc").read_bytes()
 
 
+def test_flush_tells_when_the_disk_did_not_take_it(tmp_path, monkeypatch):
+    animation = write(animate(tmp_path / "a.usdc"), CHUNK - 1)
+
+    def broken(descriptor):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", broken)
+    with pytest.raises(pbd.SimulationFailed, match=r"000000\.usdc could not be written: .*Input/output error"):
+        animation.flush()
+
+
 def test_time_codes_of_any_distance(tmp_path):
     def time_code(frame):
         return -5.0 + 0.1 * frame**1.5
@@ -217,10 +228,10 @@ def test_going_on_from_the_finished_file_beside_an_older_unfinished_one(tmp_path
 def test_a_failed_write_may_be_tried_again(tmp_path, monkeypatch):
     animation = write(animate(tmp_path / "a.usdc"), 2 * CHUNK - 1)
 
-    def full(descriptor):
+    def full(temporary, path):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(os, "fsync", full)
+    monkeypatch.setattr(os, "replace", full)
     for frame in (2 * CHUNK - 1, 2 * CHUNK):
         with pytest.raises(pbd.SimulationFailed, match=r"000001\.usdc could not be written: .*No space left"):
             animation.write(values(frame), frame)
