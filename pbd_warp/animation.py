@@ -12,7 +12,7 @@ from typing import Any
 
 from pxr import Sdf, Tf, Usd, Vt
 
-from pbd_warp.durable import FolderLock, reason, replacing
+from pbd_warp.durable import FolderLock, LateSync, reason, replacing
 from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.merge import Frame, declare, write_binary, write_text
 
@@ -24,8 +24,8 @@ class Animation:
     """A USD file that grows by frames and survives being killed at any moment.
 
     While it grows, the frames lie beside the file asked for: every 32 of them become a layer (a chunk) in the folder
-    `STEM.partial.frames`, and `STEM.partial.EXT` is a stage that shows all chunks as value clips. Files are only ever
-    replaced as a whole, so that stage opens whatever happens and holds every frame up to the last finished chunk.
+    `STEM.partial.EXT.frames`, and `STEM.partial.EXT` is a stage that shows all chunks as value clips. Files are only
+    ever replaced as a whole, so that stage opens whatever happens and holds every frame up to the last finished chunk.
     `close` merges them into the one file under its name and removes them. What is shorter than a chunk is held in
     memory and written once. An unfinished file never takes the place of a finished one, but that of another
     unfinished one.
@@ -59,7 +59,7 @@ class Animation:
         self.saved: Path | None = None
         self._path = path
         self._root = path.with_name(f"{path.stem}.partial{path.suffix}")
-        self._folder = path.with_name(f"{path.stem}.partial.frames")
+        self._folder = path.with_name(f"{self._root.name}.frames")
         self._lock: FolderLock | None = None  # from the first chunk on
         self._stage = stage
         self._types = {attribute.GetPath(): attribute.GetTypeName() for attribute in attributes}
@@ -70,6 +70,7 @@ class Animation:
         self._times: list[float] = []  # its frames
         self._last: float | None = None
         self._kept = 0  # frames that a kill leaves
+        self._late = LateSync()
         if self._folder.is_dir():
             FolderLock(self._folder).release()
         if resume:
@@ -81,21 +82,20 @@ class Animation:
         Raises:
             SimulationFailed: a chunk could not be written. The chunks before it still open.
         """
+        if len(self._times) == CHUNK:
+            self._end_chunk()  # as the disk was full the first time
         self._add(values, float(time_code))
         if len(self._times) == CHUNK:
-            self.flush()
-            self._begin_chunk()
+            self._end_chunk()
 
     def flush(self) -> None:
-        """Make what was written so far survive a kill.
+        """Make what was written so far survive a kill, and a machine that loses power.
 
         Raises:
             SimulationFailed: it could not be written.
         """
-        if self._kept < self.frames:
-            self._take_place()
-            self._write_chunk()
-            self._write_root()
+        self._save()
+        self._late.finish()
 
     def values(self, attribute: Usd.Attribute) -> Iterator[Any]:
         """What was written of an attribute so far, frame by frame, read from disk where it is there."""
@@ -138,19 +138,28 @@ class Animation:
         self._last = time
         self.frames += 1
 
+    def _end_chunk(self) -> None:
+        self._save()
+        self._begin_chunk()
+
     def _begin_chunk(self) -> None:
         """The full one is done with. The next repeats its last frame: between the two the motion goes on evenly."""
-        full, self._chunk = self._chunk, self._new_chunk()
+        chunk = self._new_chunk()
         for path in self._types:
-            self._chunk.SetTimeSample(path, self._last, full.QueryTimeSample(path, self._last))
-        self._full += 1
-        self._times = []
+            chunk.SetTimeSample(path, self._last, self._chunk.QueryTimeSample(path, self._last))
+        self._chunk, self._times, self._full = chunk, [], self._full + 1
 
     def _file(self, number: int) -> Path:
         return self._folder / f"{number:06}.usdc"
 
+    def _save(self) -> None:
+        if self._kept < self.frames:
+            self._take_place()
+            self._write_chunk()
+            self._write_root()
+
     def _write_chunk(self) -> None:
-        with replacing(self._file(self._full), self._folder / "new.usdc") as temporary:
+        with replacing(self._file(self._full), self._folder / "new.usdc", self._late) as temporary:
             self._chunk.Export(str(temporary))
 
     def _recorded(self, paths: Sequence[Sdf.Path]) -> Iterator[Frame]:
@@ -198,7 +207,7 @@ class Animation:
         }
         for prim in dict.fromkeys(path.GetPrefixes()[0] for path in self._types):
             layer.GetPrimAtPath(prim).SetInfo("clips", {"default": {**clips, "primPath": str(prim)}})
-        with replacing(self._root, self._folder / f"new{self._root.suffix}") as temporary:
+        with replacing(self._root, self._folder / f"new{self._root.suffix}", self._late) as temporary:
             layer.Export(str(temporary))
         self._kept = self.frames
 
@@ -218,7 +227,7 @@ class Animation:
             self.saved = path
             if self._lock is not None:
                 if path != self._root:
-                    self._root.unlink()
+                    self._root.unlink(missing_ok=True)
                 shutil.rmtree(self._folder, ignore_errors=True)
         except SimulationFailed as failure:
             kept = f"; the first {self._kept} frames are in {self._root}" if self._kept else ""
@@ -239,7 +248,8 @@ class Animation:
         elif file.suffix == ".usda":
             write_text(file, static, self._types, self._recorded)
         else:
-            write_binary(file, static, paths, self._recorded(paths))
+            write_binary(file, static, paths, self._recorded(paths), lambda: self._late.add(file))
+            self._late.finish()
 
     def _resume(self, count: int) -> None:
         left = [path for path in (self._root, self._path) if path.exists()]
@@ -255,7 +265,10 @@ class Animation:
             there = whole + min(len(_own_times(last, whole, path)) for path in self._types)
             if there < count:
                 raise InputError(f"{source} holds {there} frames, fewer than the {count} to go on from")
-            self._lock_folder()
+            if source == self._root:
+                self._lock_folder()
+            else:
+                self._take_place()
             for time, values in islice(_frames(map(_open, files) if files else [layer], list(self._types)), count):
                 self._add(values, time)
                 if len(self._times) == CHUNK:

@@ -29,8 +29,14 @@ def declare(layer: Sdf.Layer, types: dict[Sdf.Path, Sdf.ValueTypeName]) -> Sdf.L
     return layer
 
 
-def write_binary(file: Path, static: Sdf.Layer, paths: Sequence[Sdf.Path], frames: Iterable[Frame]) -> None:
-    """A .usdc (or .usd) file of `static` and the frames."""
+def write_binary(
+    file: Path,
+    static: Sdf.Layer,
+    paths: Sequence[Sdf.Path],
+    frames: Iterable[Frame],
+    on_save: Callable[[], object] = lambda: None,
+) -> None:
+    """A .usdc (or .usd) file of `static` and the frames; `on_save` is called whenever a part of it is saved."""
     layer = Sdf.Layer.CreateNew(str(file))
     layer.TransferContent(static)
     pending = 0
@@ -40,6 +46,7 @@ def write_binary(file: Path, static: Sdf.Layer, paths: Sequence[Sdf.Path], frame
             pending += len(value)
         if pending >= ELEMENTS_AT_ONCE:
             layer.Save()
+            on_save()
             pending = 0
     layer.Save()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -122,11 +123,10 @@ class UsdWriter:
         Raises:
             SimulationFailed: a position or velocity is not finite (extents would silently leave it out).
         """
-        x = state.x.numpy().astype(np.float32)
-        v = state.v.numpy().astype(np.float32)
+        x, v = (np.ascontiguousarray(a.numpy(), dtype=np.float32) for a in (state.x, state.v))
         if not (np.isfinite(x).all() and np.isfinite(v).all()):
             raise SimulationFailed(f"frame {self.frames} is not finite and was not written to {self._path}")
-        everything = Vt.Vec3fArray.FromNumpy(x), Vt.Vec3fArray.FromNumpy(v)
+        everything = _usd_vectors(x), _usd_vectors(v)
         values = [value for geometry in self._geometry for value in geometry.values(x, v, everything)]
         self._surroundings.include(values[2])  # the extent of all particles
         self._animation.write(values, self.frames)
@@ -260,8 +260,15 @@ class _Geometry:
         """What the attributes are in a frame; `everything` is x and v as arrays of USD."""
         points, velocities = everything
         if not self._has_all:
-            points, velocities = (Vt.Vec3fArray.FromNumpy(a.take(self._index, axis=0)) for a in (x, v))
+            points, velocities = (_usd_vectors(a.take(self._index, axis=0)) for a in (x, v))
         return [points, velocities, type(self._geometry).ComputeExtent(points, self._widths)]
+
+
+def _usd_vectors(rows: np.ndarray) -> Vt.Vec3fArray:
+    """A copy of contiguous float32 rows [n, 3], at once; Vec3fArray.FromNumpy takes 10 times as long."""
+    vectors = Vt.Vec3fArray(len(rows))
+    ctypes.memmove(np.asarray(vectors).ctypes.data, rows.ctypes.data, rows.nbytes)  # nothing else refers to it yet
+    return vectors
 
 
 def _shown_widths(model: Model) -> np.ndarray:

@@ -33,7 +33,7 @@ def test_every_chunk_is_on_disk_and_in_the_unfinished_stage(tmp_path, suffix):
     assert names(tmp_path) == [], "what is shorter than a chunk is in memory"
     for frames in range(CHUNK, 3 * CHUNK + 2):
         write(animation, frames)
-        assert names(tmp_path) == ["a.partial.frames", f"a.partial{suffix}"]
+        assert names(tmp_path) == [f"a.partial{suffix}", f"a.partial{suffix}.frames"]
         if frames % CHUNK < 2:
             assert_holds(tmp_path / f"a.partial{suffix}", frames // CHUNK * CHUNK)
     animation.close()
@@ -107,9 +107,20 @@ def test_flushed_frames_are_on_disk_and_the_file_is_the_same(tmp_path):
     for frames in (1, 2, 20, 32, 33, 50):
         write(flushed, frames).flush()
         assert_holds(tmp_path / "b.partial.usdc", frames)
-    assert names(tmp_path / "b.partial.frames") == ["000000.usdc", "000001.usdc"]
+    assert names(tmp_path / "b.partial.usdc.frames") == ["000000.usdc", "000001.usdc"]
     flushed.close()
     assert (tmp_path / "b.usdc").read_bytes() == (tmp_path / "a.usdc").read_bytes()
+
+
+def test_flush_tells_when_the_disk_did_not_take_it(tmp_path, monkeypatch):
+    animation = write(animate(tmp_path / "a.usdc"), CHUNK - 1)
+
+    def broken(descriptor):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", broken)
+    with pytest.raises(pbd.SimulationFailed, match=r"000000\.usdc could not be written: .*Input/output error"):
+        animation.flush()
 
 
 def test_time_codes_of_any_distance(tmp_path):
@@ -189,7 +200,7 @@ def test_a_new_run_takes_the_place_of_a_killed_one_when_it_needs_it(tmp_path):
     assert_holds(tmp_path / "a.partial.usdc", 3 * CHUNK)
     animation = write(animate(path), CHUNK)
     assert_holds(tmp_path / "a.partial.usdc", CHUNK)
-    assert names(tmp_path / "a.partial.frames") == ["000000.usdc"]
+    assert names(tmp_path / "a.partial.usdc.frames") == ["000000.usdc"]
     write(animation, CHUNK + 1).close()
     assert names(tmp_path) == ["a.usdc"]
 
@@ -203,12 +214,41 @@ def test_an_interrupted_run_takes_the_place_of_a_killed_one(tmp_path):
     assert_holds(tmp_path / "a.partial.usdc", 2)
 
 
+def test_going_on_from_the_finished_file_beside_an_older_unfinished_one(tmp_path):
+    path = tmp_path / "a.usdc"
+    write(animate(path), 3 * CHUNK, lambda frame: 2.0 * frame)  # killed, another motion
+    write(animate(path), 3).close()
+    resumed = animate(path, resume=2)
+    assert_holds(tmp_path / "a.partial.usdc", 2)
+    write(resumed, CHUNK + 1).close()
+    assert_holds(path, CHUNK + 1)
+    assert names(tmp_path) == ["a.usdc"]
+
+
+def test_a_failed_write_may_be_tried_again(tmp_path, monkeypatch):
+    animation = write(animate(tmp_path / "a.usdc"), 2 * CHUNK - 1)
+
+    def full(temporary, path):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "replace", full)
+    for frame in (2 * CHUNK - 1, 2 * CHUNK):
+        with pytest.raises(pbd.SimulationFailed, match=r"000001\.usdc could not be written: .*No space left"):
+            animation.write(values(frame), frame)
+        assert_holds(tmp_path / "a.partial.usdc", CHUNK)
+    monkeypatch.undo()
+    write(animation, 3 * CHUNK)
+    assert_holds(tmp_path / "a.partial.usdc", 3 * CHUNK)
+    animation.close()
+    assert_holds(tmp_path / "a.usdc", 3 * CHUNK)
+
+
 @pytest.mark.skipif(os.name == "nt", reason="locks of POSIX")
 def test_two_runs_to_one_path(tmp_path):
     path = tmp_path / "a.usdc"
     early = animate(path)
     first = write(animate(path), CHUNK)
-    with pytest.raises(pbd.InputError, match=r"another run is writing to .*a\.partial\.frames"):
+    with pytest.raises(pbd.InputError, match=r"another run is writing to .*a\.partial\.usdc\.frames"):
         animate(path)
     with pytest.raises(pbd.SimulationFailed, match="another run is writing"):
         write(early, CHUNK)
@@ -232,7 +272,7 @@ def test_a_disk_that_is_full_at_the_end_keeps_the_chunks_and_says_where(tmp_path
     ):
         animation.close()
     assert animation.saved is None
-    assert names(tmp_path) == ["a.partial.frames", "a.partial.usdc"]
+    assert names(tmp_path) == ["a.partial.usdc", "a.partial.usdc.frames"]
     assert_holds(tmp_path / "a.partial.usdc", CHUNK + 5)
     monkeypatch.undo()
     animation.close()
