@@ -15,6 +15,7 @@ from pbd_warp.contacts import BoundContacts
 from pbd_warp.damping import Damper
 from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.integrators import INTEGRATORS, Integrator
+from pbd_warp.kernels.lead import lead, stop
 from pbd_warp.launch import Launcher
 from pbd_warp.methods import Jacobi, Method
 from pbd_warp.model import Model, State
@@ -76,6 +77,8 @@ class Simulation:
         self.substep_dt = self.dt / self.substeps
         self.real, self.vec3 = model.real, model.vec3
         self._held: int | None = None
+        self._led: wp.array | None = None
+        self._led_in = NOBODY  # the frame that they are led in
         self.launch = Launcher(model.device, model.real)
         self.arrays: dict[str, wp.array] = {}
         self.frame = 0
@@ -109,6 +112,8 @@ class Simulation:
         Raises:
             SimulationFailed: a position is no longer finite, or there were more contacts than room for them.
         """
+        if self._led is not None and self._led_in != self.frame:
+            self._stop_led()
         if self._graph is None:
             self._run_frame()
         else:
@@ -119,6 +124,7 @@ class Simulation:
     def reset(self) -> None:
         """Back to the initial state: what comes then is what came the first time."""
         self.release()
+        self._led = None
         self.state.x.assign(self.model.x)
         self.state.v.assign(self.model.v)
         self.diverged.fill_(FINITE)
@@ -184,6 +190,39 @@ class Simulation:
         self.grabbed.fill_(NOBODY)
         self._held = None
         self.integrator.restart()
+
+    def lead(self, particles: Any, positions: Any) -> None:
+        """Where fixed particles are at the end of the next frame; they get there evenly over the substeps, to
+        round-off, and rest there unless they are led on.
+
+        Args:
+            particles: Indices, shape [n]. All that are led in the next frame: another call replaces this one.
+            positions: [m], shape [n, 3].
+
+        Raises:
+            InputError: a particle that is not fixed (grab those), or not as many positions as particles.
+        """
+        index = np.atleast_1d(check.indices("lead", particles, self.model.particle_count))
+        target = check.vectors("positions", positions)
+        if len(target) != len(index):
+            raise InputError(f"lead needs a position for each of {len(index)} particles, not {len(target)}")
+        free = index[self.model.w[index] > 0.0]
+        if free.size:
+            raise InputError(f"lead takes fixed particles, but particle {free[0]} has mass: fix it (mass 0) or grab it")
+        if self._led is not None:
+            self._stop_led()
+        device = self.model.device
+        self._led, self._led_in = wp.array(index, dtype=wp.int32, device=device), self.frame
+        self.launch(
+            lead,
+            len(index),
+            *(self.state.x, self._led, wp.array(target, dtype=self.vec3, device=device), self.dt, self.state.v),
+        )
+
+    def _stop_led(self) -> None:
+        assert self._led is not None
+        self.launch(stop, len(self._led), self._led, self.state.v)
+        self._led = None
 
     def _run_frame(self) -> None:
         if self._iteration_counts is not None:
