@@ -14,6 +14,7 @@ import warp as wp
 
 import pbd_warp
 from pbd_warp import check
+from pbd_warp.animation import Animation
 from pbd_warp.drag import Drag
 from pbd_warp.errors import Interrupted, SimulationFailed
 from pbd_warp.measure import measure
@@ -101,7 +102,7 @@ def run(
     wall = 0.0
     unconverged = sim.unconverged
     writer = UsdWriter(out, model, scene.fps, {"version": pbd_warp.__version__, **settings})
-    with _say_what_is_kept(writer), writer:
+    with say_what_is_kept(writer), writer:
         for frame in range(frames):
             if frame > 0:
                 drag.advance(sim)
@@ -133,7 +134,7 @@ def run(
 
 
 @contextmanager
-def _say_what_is_kept(writer: UsdWriter) -> Iterator[None]:
+def say_what_is_kept(writer: UsdWriter | Animation) -> Iterator[None]:
     """Adds to the error that ends a run early where the frames so far are."""
     try:
         yield

@@ -16,7 +16,7 @@ def place(frame):
     """Where both ends of a rope of 1 m are, a circle that closes after 40 frames, 0.2 m apart in height."""
     angle = frame * np.pi / 20
     start = np.array([0.3 * np.sin(angle), 0.3 * (1 - np.cos(angle)), 0.0])
-    return np.stack([start, start + (0.9, 0.2, 0.0)])
+    return np.stack([start, np.add(start, (0.9, 0.2, 0.0))])
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

@@ -46,6 +46,20 @@ def scene_with(
         if "=" not in text:
             raise InputError(f"--set {text}: write NAME=VALUE")
     scene = load_scene(name, seed, dict(text.split("=", 1) for text in settings or []))
+    return override(scene, frames, fps, method, iterations, substeps, integrator, tolerance)
+
+
+def override(
+    scene: Scene,
+    frames: int | None,
+    fps: float | None,
+    method: str | None,
+    iterations: int | None,
+    substeps: int | None,
+    integrator: str | None,
+    tolerance: float | None,
+) -> Scene:
+    """A scene with what the command line says instead of its own settings."""
     if frames is not None:
         scene.frames = check.whole("frames", frames, low=1)
     if fps is not None:

@@ -77,7 +77,7 @@ def run_scene(
             )
         if stats is not None:
             result.save(stats)
-        typer.echo(_table(result))
+        typer.echo(table(result))
 
 
 def _pick_for(scene: Scene, accuracy: float) -> Row:
@@ -97,7 +97,8 @@ def _pick_for(scene: Scene, accuracy: float) -> Row:
     return row
 
 
-def _table(stats: RunStats) -> str:
+def table(stats: RunStats) -> str:
+    """The closing figures of a run."""
     size = Path(stats.out).stat().st_size
     rows = {
         "scene": f"{stats.scene}, {stats.particles} particles, {stats.constraints} constraints",
