@@ -27,6 +27,7 @@ class Curves:
 
     Attributes:
         topology: Its curves.
+        sampling: Its control points as simulation points.
         x: Simulation points at the first frame, in world space [m], float64 [samples, 3].
         width: Diameters there [m], float64 [samples].
         pinned: Which of them are led, bool [samples].
@@ -47,7 +48,7 @@ class Curves:
             self._animated = self._geometry.GetPointsAttr().ValueMightBeTimeVarying()
             for time_code in time_codes[1:] if self._animated else ():
                 self._read_points(float(time_code))
-            self._sampling = Sampling(self.topology)
+            self.sampling = Sampling(self.topology)
             width = self._read_widths(start)
             self.pinned = self._find_pinned(material.pin or "root", start)
         except InputError as error:
@@ -56,7 +57,7 @@ class Curves:
         self._placement = Placement(prim, time_codes)
         linear, _ = self._placement.at(start)
         self.width = width * abs(np.linalg.det(linear)) ** (1.0 / 3.0)
-        self.x = self._to_world(self._sampling.vertex(self._local), start)
+        self.x = self._to_world(self.sampling.vertex(self._local), start)
         self.moving = bool(self.pinned.any()) and (self._animated or self._placement.animated)
 
     @property
@@ -79,8 +80,8 @@ class Curves:
 
     def pins(self, time_code: float) -> np.ndarray:
         """Where the pinned points are in world space [m], shape [pinned, 3]."""
-        local = self._local_at(time_code)
-        return self._to_world(self._sampling.vertex(local), time_code)[self.pinned]
+        local = self._read_points(time_code) if self._animated else self._local
+        return self._to_world(self.sampling.vertex(local), time_code)[self.pinned]
 
     def frame(
         self, displacement: np.ndarray, v: np.ndarray, time_code: float, before: float | None, fps: float
@@ -101,6 +102,11 @@ class Curves:
         """
         linear, offset = self._placement.at(time_code)
         inverse = np.linalg.inv(linear)
+        if self.moving:  # where they belong, without the rounding of the simulation
+            displacement, v, now = displacement.copy(), v.copy(), self.pins(time_code)
+            displacement[self.pinned] = now - self.x[self.pinned]
+            if before is not None:
+                v[self.pinned] = (now - self.pins(before)) * fps
         points = self._local + self._fit(displacement) @ inverse
         linear_start, offset_start = self._placement.at(self._start)
         if not (np.array_equal(linear, linear_start) and np.array_equal(offset, offset_start)):
@@ -110,15 +116,8 @@ class Curves:
         if before is not None and self._placement.animated:
             linear_before, offset_before = self._placement.at(before)
             way -= (points @ (linear - linear_before) + (offset - offset_before)) * fps
-        velocities = way @ inverse
-        if self.topology.basis == LINEAR and self.pinned.any():
-            now = self._local_at(time_code)[self.pinned]
-            points[self.pinned] = now
-            velocities[self.pinned] = 0.0
-            if before is not None and self._animated:
-                velocities[self.pinned] = (now - self._local_at(before)[self.pinned]) * fps
         with np.errstate(over="ignore"):
-            result = points.astype(np.float32), velocities.astype(np.float32)
+            result = points.astype(np.float32), (way @ inverse).astype(np.float32)
         if not all(np.isfinite(values).all() for values in result):
             raise SimulationFailed(f"{self.path} at time code {time_code:g} is not finite in its local space")
         widths = self._geometry.GetWidthsAttr().Get(time_code) or Vt.FloatArray()
@@ -127,9 +126,6 @@ class Curves:
     def _to_world(self, local: np.ndarray, time_code: float) -> np.ndarray:
         linear, offset = self._placement.at(time_code)
         return local @ linear + offset
-
-    def _local_at(self, time_code: float) -> np.ndarray:
-        return self._read_points(time_code) if self._animated else self._local
 
     def _read_topology(self, start: float) -> Topology:
         geometry = self._geometry
@@ -159,12 +155,12 @@ class Curves:
         values = self._geometry.GetWidthsAttr().Get(start)
         if not values:
             linear, _ = Placement(self._geometry.GetPrim(), np.array([start])).at(start)
-            return np.full(self._sampling.count, WIDTH / abs(np.linalg.det(linear)) ** (1.0 / 3.0))
+            return np.full(self.sampling.count, WIDTH / abs(np.linalg.det(linear)) ** (1.0 / 3.0))
         widths = np.array(values, np.float64)
         return np.maximum(self._spread("widths", widths, self._geometry.GetWidthsInterpolation()), 0.0)
 
     def _find_pinned(self, pin: str, start: float) -> np.ndarray:
-        pinned = np.zeros(self._sampling.count, bool)
+        pinned = np.zeros(self.sampling.count, bool)
         counts = self.topology.sample_counts
         first = np.cumsum(counts) - counts
         if pin.startswith("primvar:"):
@@ -195,10 +191,10 @@ class Curves:
         """One number for each of what the interpolation says, at the simulation points."""
         topology = self.topology
         count, at_samples = {
-            UsdGeom.Tokens.constant: (1, lambda values: np.full(self._sampling.count, values[0])),
-            UsdGeom.Tokens.uniform: (len(topology.counts), self._sampling.uniform),
-            UsdGeom.Tokens.varying: (int(topology.varying_counts.sum()), self._sampling.varying),
-            UsdGeom.Tokens.vertex: (int(topology.counts.sum()), self._sampling.vertex),
+            UsdGeom.Tokens.constant: (1, lambda values: np.full(self.sampling.count, values[0])),
+            UsdGeom.Tokens.uniform: (len(topology.counts), self.sampling.uniform),
+            UsdGeom.Tokens.varying: (int(topology.varying_counts.sum()), self.sampling.varying),
+            UsdGeom.Tokens.vertex: (int(topology.counts.sum()), self.sampling.vertex),
         }.get(interpolation, (-1, None))
         if at_samples is None:
             raise InputError(f"{name} has interpolation {interpolation!r}: use constant, uniform, varying or vertex")

@@ -27,6 +27,9 @@ from pbd_warp.stage.settings import Material
 GRAVITY = 9.81
 """[m/s^2]"""
 
+TAUT = 1e-3
+"""A rope with less slack than this part of its length hangs by forces that grow without bounds as it goes to 0."""
+
 
 @dataclass(frozen=True)
 class StageScene:
@@ -83,7 +86,7 @@ def load_stage(
         _add_ropes(builder, each, origin, where, dtype)
     for prim in find_colliders(stage, collide):
         add_collider(builder, prim, codes, origin)
-    method, substeps = _settings(curves, bool(collide))
+    method, substeps = _settings(curves, codes, bool(collide))
     scene = Scene(builder, time.frames, time.fps, substeps, method, name=path.stem)
     return StageScene(path, stage, time, curves, origin, scene, where, dtype)
 
@@ -141,9 +144,23 @@ def seen_lengths(x: np.ndarray, edges: np.ndarray, device: wp.Device, dtype: str
     return length.numpy().astype(np.float64)
 
 
-def _settings(curves: list[Curves], colliders: bool) -> tuple[Method, int]:
-    """Method and substeps unless the user says otherwise."""
-    held = max(int(np.bincount(each.curve, each.pinned).max()) for each in curves)
-    if colliders or held > 1 or any(each.topology.closed for each in curves):
+def _settings(curves: list[Curves], time_codes: np.ndarray, colliders: bool) -> tuple[Method, int]:
+    """Method and substeps unless the user says otherwise: Direct where it is sure of a solution and fast."""
+    if colliders or any(each.topology.closed or _taut(each, time_codes) for each in curves):
         return GaussSeidel(iterations=1), 64
     return Direct(), 16
+
+
+def _taut(curves: Curves, time_codes: np.ndarray) -> bool:
+    """Whether pins ever hold a part of an open curve, with free points in it, as far apart as it is long."""
+    x, pinned = curves.x, np.flatnonzero(curves.pinned)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(x, axis=0), axis=1))])
+    parts = np.flatnonzero((np.diff(curves.curve[pinned]) == 0) & (np.diff(pinned) > 1))
+    if not parts.size:
+        return False
+    slack = (1.0 - TAUT) * (along[pinned[parts + 1]] - along[pinned[parts]])
+    for time_code in time_codes if curves.moving else time_codes[:1]:
+        places = curves.pins(float(time_code))
+        if np.any(np.linalg.norm(places[parts + 1] - places[parts], axis=1) > slack):
+            return True
+    return False
