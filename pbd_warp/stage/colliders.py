@@ -51,7 +51,7 @@ def add_collider(builder: ModelBuilder, prim: Usd.Prim, time_codes: np.ndarray, 
         else:
             scales = np.linalg.svd(linear, compute_uv=False)
             if scales[0] - scales[-1] > UNEVEN * scales[0]:
-                raise InputError("is not scaled evenly, so it is no sphere: that is not supported as a collider")
+                raise InputError("it is not scaled evenly, so it is no sphere, and not supported as a collider")
             builder.add_sphere(offset - origin, shape.Get() * scales[0], **options)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
