@@ -309,6 +309,27 @@ def test_colliders_keep_curves_out(tmp_path):
         assert gap.min() == pytest.approx(0.01, abs=1e-3), "as near as the radius lets it"
 
 
+@pytest.mark.parametrize("axis", ["X", "Y", "Z"])
+def test_planes_are_where_their_transform_puts_them(tmp_path, axis):
+    stage = new_stage(tmp_path / "a.usda", metres=0.1)
+    add_curves(stage, "/World/C", line(3, (0, 50, 0), (1, 50, 0)))
+    transform(UsdGeom.Xform.Define(stage, "/World/P"), (1, 2, 3), (0, 0, 0), (1, 3, -0.5))
+    plane = UsdGeom.Plane.Define(stage, "/World/P/Plane")
+    plane.CreateAxisAttr(axis)
+    transform(plane, (0, 1, 0), (20, 30, 40))
+    stage.Save()
+    source = load_stage(tmp_path / "a.usda", collide=["/World/P/Plane"])
+    colliders = source.scene.builder.finalize().colliders
+    matrix = plane.ComputeLocalToWorldTransform(0)
+    corners = np.eye(3)[[k for k in range(3) if "XYZ"[k] != axis]]
+    for corner in (np.zeros(3), *corners):
+        there = 0.1 * np.array(matrix.Transform(Gf.Vec3d(*corner))) - source.origin
+        assert (there - colliders.centre[0]) @ colliders.normal[0] == pytest.approx(0, abs=1e-12)
+    above = 0.1 * np.array(matrix.Transform(Gf.Vec3d(*np.eye(3)["XYZ".index(axis)]))) - source.origin
+    assert (above - colliders.centre[0]) @ colliders.normal[0] > 0.01
+    assert np.linalg.norm(colliders.normal[0]) == pytest.approx(1)
+
+
 def test_time_codes_are_the_stages_own(tmp_path):
     stage = new_stage(tmp_path / "a.usda", first=101.5, last=110.5, fps=30)
     add_curves(stage, "/World/C", line(4))

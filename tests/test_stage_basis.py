@@ -70,8 +70,7 @@ def test_segments_are_as_many_as_usd_says(basis, wrap, n):
     curves.CreateWrapAttr(wrap)
     curves.CreateCurveVertexCountsAttr([n])
     topology = Topology(basis, wrap, np.array([n]))
-    if n > 2:  # for 2 pinned ones it says 0, yet calls it a curve
-        assert list(topology.segments) == list(curves.ComputeSegmentCounts(0))
+    assert list(topology.segments) == list(curves.ComputeSegmentCounts(0))
     assert control_matrix(basis, wrap, n).shape == (topology.sample_counts[0], n)
 
 
