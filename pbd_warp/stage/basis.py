@@ -154,7 +154,7 @@ class Sampling:
         for n, curves in _alike(topology.counts):
             matrix = matrix_of(topology.basis, topology.wrap, n)
             rows, columns = _places(topology.sample_counts, curves), _places(counts, curves)
-            result[rows] = np.einsum("sc,kc...->ks...", matrix, values[columns])
+            result[rows] = _each(matrix, values[columns])
         return result
 
 
@@ -180,7 +180,8 @@ class Fit:
             for number, held in enumerate(patterns):
                 which = pattern.ravel() == number
                 weight = np.where(held, PIN_WEIGHT, 1.0)
-                self._parts.append((rows[which], columns[which], np.linalg.pinv(weight[:, None] * matrix) * weight))
+                q, r = np.linalg.qr(weight[:, None] * matrix)
+                self._parts.append((rows[which], columns[which], np.linalg.solve(r, q.T * weight)))
 
     def __call__(self, displacement: np.ndarray) -> np.ndarray:
         """Of simulation points [samples, 3] to that of control points [vertices, 3]."""
@@ -188,8 +189,13 @@ class Fit:
             return displacement
         result = np.empty((int(self._topology.counts.sum()), displacement.shape[1]))
         for rows, columns, matrix in self._parts:
-            result[columns] = np.einsum("cs,ksx->kcx", matrix, displacement[rows])
+            result[columns] = _each(matrix, displacement[rows])
         return result
+
+
+def _each(matrix: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """The matrix [m, n] times the values of each of many curves [curves, n, ...]."""
+    return np.moveaxis(np.tensordot(matrix, values, (1, 1)), 0, 1)
 
 
 def _alike(counts: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
