@@ -330,6 +330,14 @@ def test_planes_are_where_their_transform_puts_them(tmp_path, axis):
     assert np.linalg.norm(colliders.normal[0]) == pytest.approx(1)
 
 
+@pytest.mark.parametrize("fps", [24.0, 23.976, 29.97, 59.94])
+def test_a_frame_is_at_every_time_code_to_the_last_bit(tmp_path, fps):
+    stage = new_stage(tmp_path / "a.usda", first=1, last=2000, fps=fps)
+    add_curves(stage, "/World/C", line(4))
+    stage.Save()
+    assert list(load_stage(tmp_path / "a.usda").timeline.time_codes) == list(range(1, 2001))
+
+
 def test_time_codes_are_the_stages_own(tmp_path):
     stage = new_stage(tmp_path / "a.usda", first=101.5, last=110.5, fps=30)
     add_curves(stage, "/World/C", line(4))

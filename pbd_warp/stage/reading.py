@@ -79,7 +79,7 @@ def find_curves(stage: Usd.Stage, patterns: Sequence[str]) -> list[Usd.Prim]:
 
 def find_colliders(stage: Usd.Stage, patterns: Sequence[str]) -> list[Usd.Prim]:
     """The geometry that matches one of the patterns."""
-    every = [prim for prim in _prims(stage) if prim.IsA(UsdGeom.Boundable) or prim.IsA(UsdGeom.PointInstancer)]
+    every = [prim for prim in _prims(stage) if prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer)]
     for pattern in patterns:
         if not any(matches(_path(prim), pattern) for prim in every):
             raise InputError(f"--collide {pattern} matches no geometry: give the path of a Plane or Sphere")
@@ -109,6 +109,8 @@ class Timeline:
     time_codes_per_second: float
 
     def time_code(self, frame: int) -> float:
+        if self.fps == self.time_codes_per_second:
+            return self.start + frame  # which n * 23.976 / 23.976 is not always
         return self.start + frame * self.time_codes_per_second / self.fps
 
     @property
