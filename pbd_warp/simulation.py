@@ -124,7 +124,6 @@ class Simulation:
     def reset(self) -> None:
         """Back to the initial state: what comes then is what came the first time."""
         self.release()
-        self._led = None
         self.state.x.assign(self.model.x)
         self.state.v.assign(self.model.v)
         self.diverged.fill_(FINITE)

@@ -131,6 +131,9 @@ def test_pins_follow_their_animated_parent(tmp_path, basis, n):
         v = curves.sampling.vertex(local(result, "/World/P/C", time_code, "velocities"))
         np.testing.assert_allclose(x[0], x_start[0], atol=4 * EPS)
         np.testing.assert_allclose(v[0], 0.0, atol=4 * EPS * 24)
+        if basis == "linear":
+            links = [np.linalg.norm(np.diff(world(result, "/World/P/C", t), axis=0), axis=1) for t in (0, time_code)]
+            np.testing.assert_allclose(links[1], links[0], rtol=1e-5)
     assert np.abs(world(result, "/World/P/C", 23) - world(stage, "/World/P/C", 23)).max() > 0.1, "the rest lags behind"
 
 
@@ -243,7 +246,13 @@ def test_masses_and_widths(tmp_path):
         assert 1 / model.w[:5] @ np.ones(5) == pytest.approx(500 * np.pi / 4 * 0.05 * squares.sum(), rel=1e-5), link
     model = load_stage(tmp_path / "a.usda", material=Material("none", mass=3.0)).scene.builder.finalize()
     np.testing.assert_allclose(1 / model.w, [0.375, 0.75, 0.75, 0.75, 0.375, 0.75, 1.5, 0.75], rtol=1e-5)
-    curves.GetPrim().RemoveProperty("widths")
+    primvar = UsdGeom.PrimvarsAPI(curves).CreatePrimvar("widths", Sdf.ValueTypeNames.FloatArray, "constant")
+    primvar.Set([0.7])
+    stage.Save()
+    model = load_stage(tmp_path / "a.usda").scene.builder.finalize()
+    np.testing.assert_allclose(2 * model.radius, 0.14, rtol=1e-6)
+    for name in ("widths", "primvars:widths"):
+        curves.GetPrim().RemoveProperty(name)
     stage.Save()
     model = load_stage(tmp_path / "a.usda").scene.builder.finalize()
     np.testing.assert_allclose(2 * model.radius, 0.01)

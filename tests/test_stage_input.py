@@ -70,6 +70,15 @@ def too_few_for_a_cubic(stage, curves):
     curves.GetTypeAttr().Set("cubic")
 
 
+def old_basis(stage, curves):
+    curves.GetTypeAttr().Set("cubic")
+    curves.CreateBasisAttr("power")
+
+
+def odd_wrap(stage, curves):
+    curves.GetWrapAttr().Set("around")
+
+
 def zero_length(stage, curves):
     curves.GetPointsAttr().Set(Vt.Vec3fArray.FromNumpy(line()[[0, 1, 2, 2, 4, 5]].astype(np.float32)))
 
@@ -171,12 +180,14 @@ def rough_plane(stage, curves):
     [
         (no_curves, [], "the stage has no BasisCurves"),
         (empty_curves, [], "/World/C: it has no curves"),
-        (nan_points, [], "/World/C: points must be finite, but number 3 is (0.6, nan, 0)"),
-        (nan_points_later, [], "/World/C: points must be finite, but number 3"),
+        (nan_points, [], "/World/C: points at time code 0 must be finite, but number 3 is (0.6, nan, 0)"),
+        (nan_points_later, [], "/World/C: points at time code 1 must be finite, but number 3"),
         (counts_that_do_not_add_up, [], "/World/C: curveVertexCounts add up to 7, but there are 6 points"),
         (counts_that_change, [], "/World/C: curveVertexCounts changes with time"),
         (points_that_get_fewer, [], "add up to 6, but there are 5 points at time code 12"),
         (too_few_for_a_cubic, [], "/World/C: curve 0 has 6 control points; a nonperiodic bezier curve needs 4, or 3"),
+        (old_basis, [], "/World/C: unknown basis 'power': there is bezier, bspline, catmullRom"),
+        (odd_wrap, [], "/World/C: unknown wrap 'around': there is nonperiodic, periodic, pinned"),
         (zero_length, [], "/World/C: curve 0 has a segment of zero length after its point 2"),
         (closed_twice, [], "/World/C: curve 0 has a segment of zero length after its point 5"),
         (widths_of_the_wrong_length, [], "/World/C: widths must be 6 for interpolation 'vertex', but there are 2"),

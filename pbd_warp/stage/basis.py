@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd_warp.errors import InputError
+from pbd_warp.errors import InputError, unknown
 
 LINEAR = "linear"
-NONPERIODIC, PERIODIC, PINNED = "nonperiodic", "periodic", "pinned"
+WRAPS = NONPERIODIC, PERIODIC, PINNED = "nonperiodic", "periodic", "pinned"
 
 BASES = {
     "bezier": np.array([[-1, 3, -3, 1], [3, -6, 3, 0], [-3, 3, 0, 0], [1, 0, 0, 0]], float),
@@ -36,7 +36,7 @@ class Topology:
     basis: "linear", or that of a cubic. wrap: as in USD. counts: control points of each curve, shape [curve_count].
 
     Raises:
-        InputError: a number of control points that makes no curve.
+        InputError: a basis or wrap that is unknown, a number of control points that makes no curve.
     """
 
     basis: str
@@ -44,6 +44,10 @@ class Topology:
     counts: np.ndarray
 
     def __post_init__(self) -> None:
+        if self.basis not in (LINEAR, *BASES):
+            raise unknown("basis", self.basis, BASES)
+        if self.wrap not in WRAPS:
+            raise unknown("wrap", self.wrap, WRAPS)
         low, step = self._fewest()
         bad = np.flatnonzero((self.counts < low) | ((self.counts - low) % step != 0))
         if bad.size:

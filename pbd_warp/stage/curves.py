@@ -42,6 +42,9 @@ class Curves:
         self.material = material
         self._geometry = UsdGeom.BasisCurves(prim)
         self._start = start = float(time_codes[0])
+        self._placement = Placement(prim, time_codes)
+        linear, _ = self._placement.at(start)
+        scale = abs(np.linalg.det(linear)) ** (1.0 / 3.0)
         try:
             self.topology = self._read_topology(start)
             self._local = self._read_points(start)
@@ -49,14 +52,11 @@ class Curves:
             for time_code in time_codes[1:] if self._animated else ():
                 self._read_points(float(time_code))
             self.sampling = Sampling(self.topology)
-            width = self._read_widths(start)
+            self.width = self._read_widths(start, scale)
             self.pinned = self._find_pinned(material.pin or "root", start)
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
         self._fit = Fit(self.topology, self.pinned)
-        self._placement = Placement(prim, time_codes)
-        linear, _ = self._placement.at(start)
-        self.width = width * abs(np.linalg.det(linear)) ** (1.0 / 3.0)
         self.x = self._to_world(self.sampling.vertex(self._local), start)
         self.moving = bool(self.pinned.any()) and (self._animated or self._placement.animated)
 
@@ -130,7 +130,7 @@ class Curves:
     def _read_topology(self, start: float) -> Topology:
         geometry = self._geometry
         if geometry.GetCurveVertexCountsAttr().ValueMightBeTimeVarying():
-            raise InputError("curveVertexCounts changes with time: simulate a part of the range where it does not")
+            raise InputError("curveVertexCounts changes with time, which is not supported: leave it out with --prim")
         counts = np.array(geometry.GetCurveVertexCountsAttr().Get(start) or (), int)
         if not counts.size:
             raise InputError("it has no curves (no curveVertexCounts): leave it out with --prim")
@@ -145,19 +145,18 @@ class Curves:
             raise InputError(
                 f"curveVertexCounts add up to {total}, but there are {len(points)} points at time code {time_code:g}"
             )
-        return check.vectors("points", points)
+        return check.vectors(f"points at time code {time_code:g}", points)
 
-    def _read_widths(self, start: float) -> np.ndarray:
-        """At the simulation points, in local space."""
+    def _read_widths(self, start: float, scale: float) -> np.ndarray:
+        """At the simulation points [m]; `scale` is that from local space to world space."""
         primvar = UsdGeom.PrimvarsAPI(self._geometry).GetPrimvar("widths")
-        if primvar and primvar.HasValue():
-            return np.maximum(self._at_samples("widths", primvar, start), 0.0)
-        values = self._geometry.GetWidthsAttr().Get(start)
-        if not values:
-            linear, _ = Placement(self._geometry.GetPrim(), np.array([start])).at(start)
-            return np.full(self.sampling.count, WIDTH / abs(np.linalg.det(linear)) ** (1.0 / 3.0))
-        widths = np.array(values, np.float64)
-        return np.maximum(self._spread("widths", widths, self._geometry.GetWidthsInterpolation()), 0.0)
+        if primvar and primvar.HasValue():  # which goes before the attribute
+            widths = self._at_samples("widths", primvar, start)
+        elif values := self._geometry.GetWidthsAttr().Get(start):
+            widths = self._spread("widths", np.array(values, np.float64), self._geometry.GetWidthsInterpolation())
+        else:
+            return np.full(self.sampling.count, WIDTH)
+        return scale * np.maximum(widths, 0.0)
 
     def _find_pinned(self, pin: str, start: float) -> np.ndarray:
         pinned = np.zeros(self.sampling.count, bool)
