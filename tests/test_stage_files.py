@@ -156,13 +156,17 @@ def test_some_prims_now_and_others_over_that(tmp_path):
     assert UsdGeom.BasisCurves.Get(second, "/root/Vines/Vines").GetPointsAttr().GetNumTimeSamples() == 10
 
 
-def test_curves_that_a_variant_or_a_reference_brings_are_overridden(tmp_path):
+def test_curves_that_a_reference_in_a_variant_brings_are_overridden(tmp_path):
     asset = new_stage(tmp_path / "asset.usda")
     add_curves(asset, "/World/C", line())
     asset.Save()
     stage = new_stage(tmp_path / "a.usda")
     prim = stage.DefinePrim("/World/Placed")
-    prim.GetReferences().AddReference("./asset.usda")
+    variants = prim.GetVariantSets().AddVariantSet("look")
+    variants.AddVariant("bare")
+    variants.SetVariantSelection("bare")
+    with variants.GetVariantEditContext():
+        prim.GetReferences().AddReference("./asset.usda")
     transform(prim, (5, 0, 0))
     stage.Save()
     result, _, _ = simulated(tmp_path / "a.usda")
