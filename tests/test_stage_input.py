@@ -93,6 +93,10 @@ def widths_of_the_wrong_length(stage, curves):
     curves.SetWidthsInterpolation("vertex")
 
 
+def nan_widths(stage, curves):
+    curves.GetWidthsAttr().Set([float("nan")])
+
+
 def widths_of_0(stage, curves):
     curves.GetWidthsAttr().Set([0.0])
 
@@ -191,6 +195,7 @@ def rough_plane(stage, curves):
         (zero_length, [], "/World/C: curve 0 has a segment of zero length after its point 2"),
         (closed_twice, [], "/World/C: curve 0 has a segment of zero length after its point 5"),
         (widths_of_the_wrong_length, [], "/World/C: widths must be 6 for interpolation 'vertex', but there are 2"),
+        (nan_widths, [], "/World/C: widths must be finite, but number 0 is not"),
         (widths_of_0, [], "/World/C: curve 0 has widths of 0, so a density gives it no mass"),
         (flat_parent, [], "/World/C has a transform that cannot be inverted at time code 0"),
         (flat_for_a_moment, [], "/World/C has a transform that cannot be inverted at time code 10"),
