@@ -380,6 +380,8 @@ def test_time_codes_are_the_stages_own(tmp_path):
     result, _, stats = simulated(tmp_path / "a.usda", tmp_path / "longer.usda", frames=20)
     assert result.GetEndTimeCode() == 120.5
     assert stats.frames == 20
+    result, _, stats = simulated(tmp_path / "a.usda", tmp_path / "shorter.usda", frames=4)
+    assert result.GetEndTimeCode() == 110.5, "what else moves in the stage goes on"
 
 
 def test_interrupted_the_frames_so_far_are_kept(tmp_path):

@@ -73,6 +73,23 @@ def test_the_stage_by_blender(tmp_path, monkeypatch, capsys, flatten):
         assert fell > 0.005, "z is up"
 
 
+def test_a_simulation_that_fails_says_so_and_keeps_its_frames(tmp_path, monkeypatch, capsys):
+    stage = new_stage(tmp_path / "a.usda")
+    add_curves(stage, "/World/C", line())
+    stage.Save()
+    monkeypatch.setattr(sys, "argv", ["pbd-warp", "simulate", str(tmp_path / "a.usda"), "--pin", "none"])
+    sys.argv += ["--gravity", "3e38", "--frames", "96", "--out", str(tmp_path / "b.usda")]
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 1
+    kept = Usd.Stage.Open(str(tmp_path / "b.usda"))
+    frames = len(UsdGeom.BasisCurves.Get(kept, "/World/C").GetPointsAttr().GetTimeSamples())
+    assert frames > 3
+    message = capsys.readouterr().err
+    assert f"frame {frames} " in message
+    assert f"; the {frames} frames so far are in" in message
+
+
 def test_the_layer_holds_overrides_only(tmp_path):
     stage = new_stage(tmp_path / "a.usda")
     add_curves(stage, "/World/C", line())

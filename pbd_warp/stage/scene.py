@@ -35,7 +35,8 @@ TAUT = 1e-3
 class StageScene:
     """What a stage has to simulate.
 
-    scene: The ropes and colliders with the settings to simulate them; particles in the order of `curves`.
+    scene: The ropes and colliders, particles in the order of `curves`, and the settings to simulate them. Those may be
+        changed, but for frames and fps, which are the timeline's.
     origin: Of the simulation in world space [m]: positions in float32 are finest near it.
     """
 

@@ -36,7 +36,7 @@ def simulate(
     """
     check_path(out)
     check_out(source.stage, out)
-    scene = source.scene
+    scene, frames = source.scene, source.timeline.frames
     model = scene.builder.finalize(source.device, source.dtype)
     sim = make_simulation(scene, model)
     settings: dict[str, Any] = {
@@ -56,7 +56,7 @@ def simulate(
     energy_start, worst_stretch, worst_residual = now.energy, now.max_stretch, now.residual
     wall, unconverged = 0.0, sim.unconverged
     with say_what_is_kept(animation), animation:
-        for frame in range(scene.frames):
+        for frame in range(frames):
             if frame > 0:
                 start = time.perf_counter()
                 playback.lead(frame)
@@ -72,9 +72,9 @@ def simulate(
             on_frame(frame + 1)
     return RunStats(
         **settings,
-        frames=scene.frames,
+        frames=frames,
         compile_s=sim.compile_seconds,
-        wall_ms_per_frame=1e3 * wall / max(scene.frames - 1, 1),
+        wall_ms_per_frame=1e3 * wall / max(frames - 1, 1),
         max_stretch=worst_stretch,
         max_residual=worst_residual,
         energy_start=energy_start,
@@ -99,7 +99,7 @@ class Playback:
             for curves, span in zip(source.curves, self._ranges, strict=True)
             if curves.moving
         ]
-        self._x_start = sim.state.x.numpy().astype(np.float64)
+        self._x_start = sim.model.x.astype(sim.model.dtype).astype(np.float64)  # as rounded as the state
 
     def lead(self, frame: int) -> None:
         """Send the pinned points to where they are at a frame, the next one."""
