@@ -31,6 +31,18 @@ def refused(monkeypatch, capfd, folder, *args):
     return lines[0]
 
 
+def no_metres(stage, curves):
+    UsdGeom.SetStageMetersPerUnit(stage, 0.0)
+
+
+def time_that_stands(stage, curves):
+    stage.SetTimeCodesPerSecond(0.0)
+
+
+def time_that_goes_back(stage, curves):
+    stage.SetEndTimeCode(-1.0)
+
+
 def no_curves(stage, curves):
     stage.RemovePrim(curves.GetPath())
 
@@ -182,6 +194,9 @@ def rough_plane(stage, curves):
 @pytest.mark.parametrize(
     ("spoil", "args", "message"),
     [
+        (no_metres, [], "metersPerUnit of a.usda must be a finite number above 0, not 0"),
+        (time_that_stands, [], "timeCodesPerSecond must be a finite number above 0"),
+        (time_that_goes_back, [], "endTimeCode must be a finite number of at least 0, not -1"),
         (no_curves, [], "the stage has no BasisCurves"),
         (empty_curves, [], "/World/C: it has no curves"),
         (nan_points, [], "/World/C: points at time code 0 must be finite, but number 3 is (0.6, nan, 0)"),

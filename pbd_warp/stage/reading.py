@@ -39,6 +39,7 @@ def open_stage(path: Path) -> Usd.Stage:
     if stage.GetCompositionErrors():
         reason = warnings[0].split(" (instantiating")[0] if warnings else str(stage.GetCompositionErrors()[0])
         raise InputError(f"{path} is not complete: {reason.rstrip('.')}")
+    check.number(f"metersPerUnit of {path}", UsdGeom.GetStageMetersPerUnit(stage), above=0.0)
     return stage
 
 
@@ -125,8 +126,8 @@ def timeline(stage: Usd.Stage, frames: int | None = None, fps: float | None = No
     Args:
         frames: How many instead. fps: How many a second instead of timeCodesPerSecond.
     """
-    codes = float(stage.GetTimeCodesPerSecond())
-    rate = check.number("fps", fps if fps is not None else codes, above=0.0)
+    codes = check.number("timeCodesPerSecond", stage.GetTimeCodesPerSecond(), above=0.0)
+    rate = codes if fps is None else check.number("fps", fps, above=0.0)
     start = end = 0.0
     if stage.HasAuthoredTimeCodeRange():
         start = check.number("startTimeCode", stage.GetStartTimeCode())
