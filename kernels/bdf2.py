@@ -37,7 +37,7 @@ def predict_bdf2(
     if i == grabbed[0]:
         u[i] = (grab_target[0] - x[i]) * part
     elif w[i] == Real(0.0):
-        u[i] = Vec3()
+        u[i] = dt * v[i]
     elif history[0] == 0:
         u[i] = dt * (v[i] + dt * gravity)
     else:

@@ -76,6 +76,22 @@ def limit_recovery(
 
 
 @kernel
+def measure_distance(
+    # Model:
+    edge: wp.array[wp.vec2i],  # [edge_count]
+    # State:
+    x: wp.array[Vec3],  # [particle_count] [m]
+    # Out:
+    length: wp.array[Real],  # [edge_count] [m]
+):
+    """Lengths to the last bit as project_distance sees them."""
+    k = wp.tid()
+    d = x[edge[k][0]] - x[edge[k][1]]
+    size, direction = distance(d, Real(0.0))
+    length[k] = size
+
+
+@kernel
 def project_distance(
     # Model:
     edge: wp.array[wp.vec2i],  # [edge_count]

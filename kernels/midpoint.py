@@ -33,7 +33,7 @@ def predict_midpoint(
     if i == grabbed[0]:
         u[i] = (grab_target[0] - x[i]) * part
     elif w[i] == Real(0.0):
-        u[i] = Vec3()
+        u[i] = dt * v[i]
     else:
         u[i] = dt * v[i] + (Real(0.5) * dt * dt) * gravity
 

@@ -193,8 +193,10 @@ class Animation:
         layer = Sdf.Layer.CreateAnonymous(".usda")
         layer.TransferContent(self._stage.GetRootLayer())
         declare(layer, self._types)
-        if self._shown_from:
-            layer.startTimeCode, layer.endTimeCode = self._shown_from[0], self._last
+        if self._shown_from:  # a stage may know a longer range
+            first, last = self._shown_from[0], self._last
+            layer.startTimeCode = min(layer.startTimeCode, first) if layer.HasStartTimeCode() else first
+            layer.endTimeCode = max(layer.endTimeCode, last) if layer.HasEndTimeCode() else last
         return layer
 
     def _write_root(self) -> None:

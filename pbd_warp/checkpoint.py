@@ -54,6 +54,7 @@ def save(sim: Simulation, path: str | Path, extra: Mapping[str, Any] | None = No
         "frame": sim.frame,
         "retried": sim.retried,
         "held": sim.held,
+        "led": sim.led,
         "extra": dict(extra or {}),
     }
     members: dict[str, Any] = {"header": np.frombuffer(json.dumps(header).encode(), np.uint8)}
@@ -83,8 +84,13 @@ def load(path: str | Path, device: Any = None) -> Simulation:
     return sim
 
 
-def restore(sim: Simulation, path: str | Path) -> dict[str, Any]:
-    """Bring a simulation to where a file says it was; gives the `extra` that was saved.
+def extra_of(path: str | Path) -> dict[str, Any]:
+    """The `extra` that was saved; raises as `load`."""
+    return _read(Path(path))[0]["extra"]
+
+
+def restore(sim: Simulation, path: str | Path) -> None:
+    """Bring a simulation to where a file says it was.
 
     Raises:
         InputError: as `load`, and where the file is of another model or of other settings; `sim` is as it was.
@@ -101,7 +107,6 @@ def restore(sim: Simulation, path: str | Path) -> dict[str, Any]:
         if there is None or not np.array_equal(there, values):
             raise InputError(f"checkpoint {path} is of another model: its {name} is not the same")
     _fill(sim, header, members, path)
-    return header["extra"]
 
 
 def _fill(sim: Simulation, header: dict[str, Any], members: dict[str, np.ndarray], path: str | Path) -> None:
@@ -114,6 +119,7 @@ def _fill(sim: Simulation, header: dict[str, Any], members: dict[str, np.ndarray
             array.assign(members[f"array/{name}"])
     sim.frame, sim.retried = header["frame"], header["retried"]
     sim.held = header["held"]
+    sim.led = tuple(header["led"]) if header["led"] else None
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -58,13 +58,14 @@ class Drag:
         """What it knows of the particle in hand, for a checkpoint: which hold, and where it was selected."""
         return None if self._now is None else [self._holds.index(self._now), self._selected_at.tolist()]
 
-    def resume(self, memory: list[Any] | None) -> None:
-        """Go on from a checkpoint; the simulation holds the particle already."""
+    def resume(self, memory: list[Any] | None, sim: Simulation) -> Simulation:
+        """Go on from a checkpoint of the simulation, which holds the particle already."""
         if memory is not None:
             self._now, self._selected_at = self._holds[memory[0]], np.array(memory[1])
+        return sim
 
-    def advance(self, sim: Simulation) -> None:
-        """Do what the script says for the frame that `sim.step()` makes next."""
+    def advance(self, sim: Simulation) -> Simulation:
+        """Do what the script says for the frame that `sim.step()` makes next; gives the simulation back."""
         # Frame times are multiples of dt; a gesture at one of them must not slip to the next by rounding.
         now = sim.time + 1e-9 * sim.dt
         if self._now and self._now.end <= now:
@@ -77,6 +78,7 @@ class Drag:
                 self._selected_at = sim.state.x[hold.particle : hold.particle + 1].numpy()[0]
         if self._now:
             sim.move_to(self._now.target((sim.frame + 1) * sim.dt, self._selected_at))
+        return sim
 
 
 def _parse(gestures: list[tuple[Any, ...]]) -> list[_Hold]:

@@ -8,18 +8,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Protocol
 
 import warp as wp
 
 import pbd_warp
 from pbd_warp import check
 from pbd_warp.cautions import Caution
-from pbd_warp.checkpoint import restore, save
+from pbd_warp.checkpoint import extra_of, restore, save
 from pbd_warp.drag import Drag
 from pbd_warp.errors import InputError, Interrupted, SimulationFailed
 from pbd_warp.measure import measure
-from pbd_warp.model import Model
+from pbd_warp.model import Model, State
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd import UsdWriter
@@ -88,8 +89,8 @@ class _Progress:
         self.energy = now.energy
         self.max_stretch = max(self.max_stretch, now.max_stretch)
         self.max_residual = max(self.max_residual, now.residual)
-        if self.unconverged is not None:
-            self.unconverged += sim.unconverged or 0
+        if sim.unconverged is not None:
+            self.unconverged = (self.unconverged or 0) + sim.unconverged
         self.wall += seconds
 
 
@@ -109,32 +110,77 @@ def make_simulation(scene: Scene, model: Model) -> Simulation:
     )
 
 
+class Leader(Protocol):
+    """Moves particles between frames: a drag, a recording, what a stage's pinned points follow."""
+
+    @property
+    def memory(self) -> Any:
+        """What it needs to go on from a checkpoint; anything that JSON can hold."""
+
+    def resume(self, memory: Any, sim: Simulation) -> Simulation:
+        """Go on from a checkpoint; gives the simulation that the checkpoint is of."""
+
+    def advance(self, sim: Simulation) -> Simulation:
+        """Before the frame that `step()` makes next, of the simulation that this returns."""
+
+
+class Writer(Protocol):
+    """Writes frames: `UsdWriter`, or the one of a stage."""
+
+    def write(self, state: State) -> None: ...
+    def flush(self) -> None: ...
+    @property
+    def frames(self) -> int: ...
+    @property
+    def saved(self) -> Path | None: ...
+    def __enter__(self) -> Any: ...
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+@dataclass(frozen=True)
+class Hooks:
+    """What a run tells while it goes on, and where it leaves checkpoints.
+
+    on_frame: Called after each frame with how many are written. A KeyboardInterrupt from it ends the run.
+    on_caution: Called before the first step with each thing that is known to fail (`Simulation.check`).
+    checkpoints: A resumed run ends with the same file as one that never stopped. None: none are left.
+    """
+
+    on_frame: Callable[[int], object] = lambda frame: None
+    on_caution: Callable[[Caution], object] = lambda caution: None
+    checkpoints: Checkpoints | None = None
+
+
 def run(
     scene: Scene,
     out: Path,
     device: str | None = None,
     dtype: str = "float32",
-    on_frame: Callable[[int], object] = lambda frame: None,
-    on_caution: Callable[[Caution], object] = lambda caution: None,
-    checkpoints: Checkpoints | None = None,
+    hooks: Hooks = Hooks(),
 ) -> RunStats:
     """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
-
-    Args:
-        on_frame: Called after each frame with how many are written. A KeyboardInterrupt from it ends the run.
-        on_caution: Called before the first step with each thing that is known to fail (`Simulation.check`).
-        checkpoints: Where to leave them; a resumed run ends with the same file as one that never stopped.
 
     Raises:
         InputError: before anything is simulated or written.
         SimulationFailed: the frames so far are kept (see UsdWriter).
     """
-    frames = check.whole("frames", scene.frames, low=1)
+    check.whole("frames", scene.frames, low=1)
     model = scene.builder.finalize(device=device, dtype=dtype)
-    sim = make_simulation(scene, model)
     drag = Drag(scene.drag)
     drag.check_particles(model.particle_count)
-    settings: dict[str, Any] = {
+
+    def open_writer(resume: int | None) -> UsdWriter:
+        return UsdWriter(out, model, scene.fps, provenance(scene, model), resume)
+
+    return make_frames(scene, make_simulation(scene, model), drag, open_writer, out, hooks)
+
+
+def provenance(scene: Scene, model: Model) -> dict[str, Any]:
+    """How a file was made, for its customLayerData."""
+    return {
+        "version": pbd_warp.__version__,
         "scene": scene.name,
         "device": str(model.device),
         "dtype": model.dtype,
@@ -143,45 +189,59 @@ def run(
         "substeps": scene.substeps,
         "iterations": scene.method.iterations,
     }
+
+
+def make_frames(
+    scene: Scene, sim: Simulation, leader: Leader, open_writer: Callable[[int | None], Writer], out: Path, hooks: Hooks
+) -> RunStats:
+    """All frames of a scene: lead, step, write.
+
+    Args:
+        open_writer: Gives what writes them; its argument is how many of them are there already.
+    """
+    made_by = provenance(scene, sim.model)
+    checkpoints = hooks.checkpoints
     for caution in sim.check():
-        on_caution(caution)
+        hooks.on_caution(caution)
     now = measure(sim)
     progress = _Progress(0, now.energy, now.energy, now.max_stretch, now.residual, sim.unconverged)
+    compile_seconds = sim.compile_seconds
     if checkpoints and checkpoints.resume:
-        extra = restore(sim, checkpoints.path)
-        drag.resume(extra["drag"])
+        extra = extra_of(checkpoints.path)
+        sim = leader.resume(extra["leader"], sim)
+        restore(sim, checkpoints.path)
         progress = _Progress(**extra["progress"])
-        if progress.frames >= frames:
+        if progress.frames >= scene.frames:
             raise InputError(
-                f"checkpoint {checkpoints.path} is of frame {progress.frames}, and {frames} were asked for"
+                f"checkpoint {checkpoints.path} is of frame {progress.frames}, and {scene.frames} were asked for"
             )
-    metadata = {"version": pbd_warp.__version__, **settings}
-    writer = UsdWriter(out, model, scene.fps, metadata, resume=progress.frames or None)
-    with _say_what_is_kept(writer), writer:
-        for frame in range(progress.frames, frames):
+    writer = open_writer(progress.frames or None)
+    with say_what_is_kept(writer), writer:
+        for frame in range(progress.frames, scene.frames):
             if frame > 0:
-                drag.advance(sim)
+                sim = leader.advance(sim)
                 start = time.perf_counter()
                 sim.step()
-                wp.synchronize_device(model.device)
+                wp.synchronize_device(sim.model.device)
                 progress.note(sim, time.perf_counter() - start)
             writer.write(sim.state)
             progress.frames = frame + 1
-            on_frame(progress.frames)
-            if checkpoints and progress.frames % checkpoints.every == 0 and progress.frames < frames:
+            hooks.on_frame(progress.frames)
+            if checkpoints and progress.frames % checkpoints.every == 0 and progress.frames < scene.frames:
                 writer.flush()  # first, so that the file has every frame up to the checkpoint
-                save(sim, checkpoints.path, {"drag": drag.memory, "progress": vars(progress)})
+                save(sim, checkpoints.path, {"leader": leader.memory, "progress": vars(progress)})
+    made_by.pop("version")
     return RunStats(
-        **settings,
-        frames=frames,
-        compile_s=sim.compile_seconds,
-        wall_ms_per_frame=1e3 * progress.wall / max(frames - 1, 1),
+        **made_by,
+        frames=scene.frames,
+        compile_s=compile_seconds,
+        wall_ms_per_frame=1e3 * progress.wall / max(scene.frames - 1, 1),
         max_stretch=progress.max_stretch,
         max_residual=progress.max_residual,
         energy_start=progress.energy_start,
         energy_end=progress.energy,
-        particles=model.particle_count,
-        constraints=model.constraint_count,
+        particles=sim.model.particle_count,
+        constraints=sim.model.constraint_count,
         out=str(out),
         unconverged=progress.unconverged,
         retried=sim.retried,
@@ -189,7 +249,7 @@ def run(
 
 
 @contextmanager
-def _say_what_is_kept(writer: UsdWriter) -> Iterator[None]:
+def say_what_is_kept(writer: Writer) -> Iterator[None]:
     """Adds to the error that ends a run early where the frames so far are."""
     try:
         yield

@@ -18,6 +18,7 @@ from pbd_warp.damping import Damper
 from pbd_warp.diagnosis import Failure, describe
 from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.integrators import INTEGRATORS, Integrator
+from pbd_warp.kernels.lead import lead, stop
 from pbd_warp.launch import Launcher
 from pbd_warp.methods import Direct, Jacobi, Method
 from pbd_warp.model import Model, State
@@ -111,6 +112,7 @@ class Simulation:
         self.substep_dt = self.dt / self.substeps
         self.real, self.vec3 = model.real, model.vec3
         self.held: int | None = None
+        self.led: tuple[int, list[int]] | None = None  # the frame that fixed particles are led in, and which
         self.launch = Launcher(model.device, model.real)
         self.arrays: dict[str, wp.array] = {}
         self.frame = 0
@@ -151,6 +153,8 @@ class Simulation:
             SimulationFailed: the frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
                 were more contacts than room for them.
         """
+        if self.led is not None and self.led[0] != self.frame:
+            self._stop_led()
         if self._graph is None:
             self._run_frame()
         else:
@@ -171,6 +175,7 @@ class Simulation:
         self.state.v.assign(self.model.v)
         if self._points:
             self._points.target.assign(self.model.point.target)
+        self.led = None
         self.frame = self.retried = 0
         self._restart()
 
@@ -193,7 +198,7 @@ class Simulation:
             wp.copy(self._points.target, other._points.target)
         if self._iteration_counts is not None and other._iteration_counts is not None:
             wp.copy(self._iteration_counts, other._iteration_counts)
-        self.held = other.held
+        self.held, self.led = other.held, other.led
         self.frame = other.frame
         self._restart()
 
@@ -278,6 +283,36 @@ class Simulation:
         self.grabbed.fill_(NOBODY)
         self.held = None
         self.integrator.restart()
+
+    def lead(self, particles: Any, positions: Any) -> None:
+        """Where fixed particles are at the end of the next frame; they get there evenly over the substeps, to
+        round-off, and rest there unless they are led on.
+
+        Args:
+            particles: Indices, shape [n]. All that are led in the next frame: another call replaces this one.
+            positions: [m], shape [n, 3].
+
+        Raises:
+            InputError: a particle that is not fixed (grab those), or not as many positions as particles.
+        """
+        index = np.atleast_1d(check.indices("lead", particles, self.model.particle_count))
+        target = check.vectors("positions", positions)
+        if len(target) != len(index):
+            raise InputError(f"lead needs a position for each of {len(index)} particles, not {len(target)}")
+        free = index[self.model.w[index] > 0.0]
+        if free.size:
+            raise InputError(f"lead takes fixed particles, but particle {free[0]} has mass: fix it (mass 0) or grab it")
+        self._stop_led()
+        self.led = (self.frame, index.tolist())
+        device = self.model.device
+        particle, there = wp.array(index, dtype=wp.int32, device=device), wp.array(target, self.vec3, device=device)
+        self.launch(lead, len(index), self.state.x, particle, there, self.dt, self.state.v)
+
+    def _stop_led(self) -> None:
+        if self.led is not None:
+            particle = wp.array(self.led[1], dtype=wp.int32, device=self.model.device)
+            self.launch(stop, len(particle), particle, self.state.v)
+            self.led = None
 
     def _run_frame(self) -> None:
         if self._recovery:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -26,6 +27,9 @@ Integrator = Annotated[
     str | None, typer.Option(help=f"How velocity becomes position and back: {', '.join(INTEGRATORS)}.")
 ]
 OnFailure = Annotated[str | None, typer.Option(help=f"What becomes of a frame that fails: {', '.join(ON_FAILURE)}.")]
+Checkpoint = Annotated[Path | None, typer.Option(help="Leave in this file what is needed to go on.")]
+Every = Annotated[int, typer.Option(help="Frames from checkpoint to checkpoint.")]
+Resume = Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A setting of the scene.")]
 Seed = Annotated[int | None, typer.Option(help="For scenes with something random in them.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback with an error.")]
@@ -48,6 +52,20 @@ def scene_with(
         if "=" not in text:
             raise InputError(f"--set {text}: write NAME=VALUE")
     scene = load_scene(name, seed, dict(text.split("=", 1) for text in settings or []))
+    return override(scene, frames, fps, method, iterations, substeps, integrator, tolerance)
+
+
+def override(
+    scene: Scene,
+    frames: int | None,
+    fps: float | None,
+    method: str | None,
+    iterations: int | None,
+    substeps: int | None,
+    integrator: str | None,
+    tolerance: float | None,
+) -> Scene:
+    """A scene with what the command line says instead of its own settings."""
     if frames is not None:
         scene.frames = check.whole("frames", frames, low=1)
     if fps is not None:

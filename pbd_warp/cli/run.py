@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
@@ -12,15 +13,18 @@ from pbd_warp.chart import Row, best_error, flags, load
 from pbd_warp.chart import pick as pick_row
 from pbd_warp.cli.app import app
 from pbd_warp.cli.options import (
+    Checkpoint,
     Debug,
     Device,
     Dtype,
+    Every,
     Fps,
     Frames,
     Integrator,
     Iterations,
     Method,
     OnFailure,
+    Resume,
     SceneName,
     Seed,
     Set,
@@ -31,7 +35,7 @@ from pbd_warp.cli.options import (
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
 from pbd_warp.errors import InputError
 from pbd_warp.methods import METHODS
-from pbd_warp.run import Checkpoints, RunStats, run
+from pbd_warp.run import Checkpoints, Hooks, RunStats, run
 from pbd_warp.scene import Scene
 from pbd_warp.sweep import charts_folder
 from pbd_warp.usd import check_path
@@ -56,9 +60,9 @@ def run_scene(
     accuracy: Annotated[
         float | None, typer.Option(help="Take the fastest settings that the scene's chart has within this error [m].")
     ] = None,
-    checkpoint: Annotated[Path | None, typer.Option(help="Leave in this file what is needed to go on.")] = None,
-    every: Annotated[int, typer.Option(help="Frames from checkpoint to checkpoint.")] = Checkpoints.every,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")] = False,
+    checkpoint: Checkpoint = None,
+    every: Every = Checkpoints.every,
+    resume: Resume = False,
     stats: Annotated[Path | None, typer.Option(help="Write the closing figures to this JSON file.")] = None,
     debug: Debug = False,
 ) -> None:
@@ -78,18 +82,12 @@ def run_scene(
             check.folder(stats.parent)
         if on_failure is not None:
             built.on_failure = on_failure
-        if resume and checkpoint is None:
-            raise InputError("--resume goes on from a checkpoint: name it with --checkpoint FILE")
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
-            result = run(
-                *(built, path, device, dtype or "float32"),
-                on_frame=lambda done: (advance(done, built.frames), stop_if_asked()),
-                on_caution=lambda caution: typer.echo(f"pbd-warp: known to fail: {caution}", err=True),
-                checkpoints=Checkpoints(checkpoint, every, resume) if checkpoint is not None else None,
-            )
+            hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
+            result = run(built, path, device, dtype or "float32", hooks)
         if stats is not None:
             result.save(stats)
-        typer.echo(_table(result))
+        typer.echo(table(result))
 
 
 def _pick_for(scene: Scene, accuracy: float) -> Row:
@@ -109,7 +107,19 @@ def _pick_for(scene: Scene, accuracy: float) -> Row:
     return row
 
 
-def _table(stats: RunStats) -> str:
+def hooks_of(checkpoint: Path | None, every: int, resume: bool, on_frame: Callable[[int], object]) -> Hooks:
+    """What the command line asks of a run on its way."""
+    if resume and checkpoint is None:
+        raise InputError("--resume goes on from a checkpoint: name it with --checkpoint FILE")
+    return Hooks(
+        on_frame=on_frame,
+        on_caution=lambda caution: typer.echo(f"pbd-warp: known to fail: {caution}", err=True),
+        checkpoints=Checkpoints(checkpoint, every, resume) if checkpoint is not None else None,
+    )
+
+
+def table(stats: RunStats) -> str:
+    """The closing figures of a run."""
     size = Path(stats.out).stat().st_size
     rows = {
         "scene": f"{stats.scene}, {stats.particles} particles, {stats.constraints} constraints",

@@ -1,0 +1,99 @@
+"""pbd-warp simulate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pbd_warp import check
+from pbd_warp.cli.app import app
+from pbd_warp.cli.options import (
+    Checkpoint,
+    Debug,
+    Device,
+    Dtype,
+    Every,
+    Integrator,
+    Iterations,
+    Method,
+    OnFailure,
+    Resume,
+    Substeps,
+    Tolerance,
+    override,
+)
+from pbd_warp.cli.run import hooks_of, table
+from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.run import Checkpoints
+from pbd_warp.stage import Material, load_stage, simulate
+from pbd_warp.stage.scene import GRAVITY
+from pbd_warp.usd import check_path
+
+
+@app.command("simulate")
+def simulate_stage(
+    stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A .usda, .usdc, .usd or .usdz file.")],
+    out: Annotated[Path, typer.Option(help="The layer to write over it; .usda, .usdc or .usd.")],
+    prim: Annotated[
+        list[str] | None,
+        typer.Option(metavar="PATTERN", help="Path of BasisCurves (* ? []), or of what they are in; all unless given."),
+    ] = None,
+    collide: Annotated[
+        list[str] | None, typer.Option(metavar="PATTERN", help="Path of planes and spheres to collide with.")
+    ] = None,
+    pin: Annotated[
+        str | None, typer.Option(help="Points that follow their parent: root, ends, none or primvar:NAME. [root]")
+    ] = None,
+    density: Annotated[float | None, typer.Option(help="kg/m^3, widths being diameters. [1000]")] = None,
+    mass: Annotated[float | None, typer.Option(help="kg a curve, instead of a density.")] = None,
+    compliance: Annotated[float | None, typer.Option(help="Of each link [m/N]. [0]")] = None,
+    damping: Annotated[float, typer.Option(help="Part of what is not rigid motion taken away a frame, 0..1.")] = 0.0,
+    gravity: Annotated[float, typer.Option(help="Against the stage's up axis [m/s^2].")] = GRAVITY,
+    flatten: Annotated[bool, typer.Option("--flatten", help="Write one self-contained file.")] = False,
+    frames: Annotated[int | None, typer.Option(help="Frames to write; the stage's range unless given.")] = None,
+    fps: Annotated[
+        float | None, typer.Option(help="Frames a second; the stage's timeCodesPerSecond unless given.")
+    ] = None,
+    device: Device = None,
+    dtype: Dtype = None,
+    method: Method = None,
+    iterations: Iterations = None,
+    substeps: Substeps = None,
+    integrator: Integrator = None,
+    tolerance: Tolerance = None,
+    on_failure: OnFailure = None,
+    checkpoint: Checkpoint = None,
+    every: Every = Checkpoints.every,
+    resume: Resume = False,
+    stats: Annotated[Path | None, typer.Option(help="Write the closing figures to this JSON file.")] = None,
+    debug: Debug = False,
+) -> None:
+    """Simulate the curves of a USD stage and write the animation as a layer over it."""
+    with one_sentence(debug):
+        check_path(out)
+        if stats is not None:
+            check.folder(stats.parent)
+        source = load_stage(
+            stage,
+            prim or (),
+            collide or (),
+            Material(pin, density, mass, compliance),
+            gravity,
+            frames,
+            fps,
+            device,
+            dtype or "float32",
+        )
+        source.scene.damping = damping
+        if on_failure is not None:
+            source.scene.on_failure = on_failure
+        override(source.scene, None, None, method, iterations, substeps, integrator, tolerance)
+        total = source.timeline.frames
+        with progress_bar(source.scene.name) as advance, interruptible() as stop_if_asked:
+            hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, total), stop_if_asked()))
+            result = simulate(source, out, flatten, hooks)
+        if stats is not None:
+            result.save(stats)
+        typer.echo(table(result))
