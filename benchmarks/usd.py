@@ -4,14 +4,17 @@
 
 A rope of 10 000 particles, float32, 20 Jacobi iterations a frame. Our file has particles and rope, each with points,
 velocities and extents, survives a kill while it grows, and is synced to the disk. UsdRenderer's have the points (as
-UsdGeom.Points), and in a second one the links as well, as capsules; they are in memory until they are saved. Everything
-is timed in turn, frame by frame, in rounds of 96 frames; what the end of a file costs (our merging, the renderer's
-saving) is shared out among its frames. Ratios are taken within each round.
+UsdGeom.Points), and in a second one the links as well, as capsules; they are in memory until they are saved. What the
+disk itself takes is measured with plain files of as many bytes as ours: one for 32 frames each, synced, then one for
+all, synced, then the first ones removed. Everything is timed in turn, frame by frame, in rounds of 96 frames; what the
+end of a file costs (our merging, the renderer's saving) is shared out among its frames. Ratios are taken within each
+round.
 
 The memory is the peak of resident memory of processes that write 300 and 3000 frames of the same rope.
 """
 
 import argparse
+import os
 import statistics
 import subprocess
 import sys
@@ -24,6 +27,7 @@ import warp.render
 from plain_c import timed
 
 import pbd_warp as pbd
+from pbd_warp.animation import CHUNK
 
 PARTICLES = 10_000
 FRAMES = 96
@@ -51,7 +55,7 @@ def time_all(model: pbd.Model, folder: Path) -> dict[str, float]:
     writer = pbd.UsdWriter(folder / "ours.usdc", model)
     points = wp.render.UsdRenderer(str(folder / "points.usdc"))
     lines = wp.render.UsdRenderer(str(folder / "lines.usdc"))
-    ms = dict.fromkeys(("simulation", "writing", "merging", "points", "points and links"), 0.0)
+    ms = dict.fromkeys(("simulation", "writing", "merging", "disk", "points", "points and links"), 0.0)
 
     def render(renderer: wp.render.UsdRenderer, frame: int, with_lines: bool) -> None:
         x = sim.state.x.numpy()
@@ -73,7 +77,20 @@ def time_all(model: pbd.Model, folder: Path) -> dict[str, float]:
     add("merging", writer.close)
     add("points", points.save)
     add("points and links", lines.save, LINE_FRAMES)
+    add("disk", lambda: plain_files(folder, (folder / "ours.usdc").stat().st_size))
     return {"export": ms["writing"] + ms["merging"], **ms}
+
+
+def plain_files(folder: Path, size: int) -> None:
+    """As many bytes to the disk as an animation of this size."""
+    chunks = [folder / f"plain{number}" for number in range(FRAMES // CHUNK)]
+    for path in [*chunks, folder / "plain"]:
+        with path.open("wb") as file:
+            file.write(bytes(size if path.name == "plain" else size // len(chunks)))
+            file.flush()
+            os.fsync(file.fileno())
+    for path in chunks:
+        path.unlink()
 
 
 def peak_memory(frames: int) -> int:
@@ -114,6 +131,7 @@ def main() -> None:
         "export": f"export (at most {LIMIT_MS})",
         "writing": "  while it runs",
         "merging": "  at the end",
+        "disk": "plain files of as many bytes",
         "simulation": "simulation",
         "points": "UsdRenderer, points",
         "points and links": "UsdRenderer, points and links",
