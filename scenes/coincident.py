@@ -1,7 +1,7 @@
 """All particles start in one and the same place.
 
-Constraints without any direction to act along, no gravity. One should see a chain unfold along a line until every link
-has its length, or a heap of discs part until none overlap; and nothing that is not a number.
+Constraints without any direction to act along, no gravity. One should see a chain fold out along a line until every
+link has its length, or a heap of discs part until none overlap; and nothing that is not a number.
 """
 
 import numpy as np

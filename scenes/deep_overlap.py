@@ -19,4 +19,4 @@ def scene(depth: float = 0.2, discs: int = 7) -> pbd.Scene:
     builder = pbd.ModelBuilder(gravity=(0, 0, 0))
     builder.add_particles(2.0 * RADIUS * (1.0 - depth) * heap, mass=1.0, radius=RADIUS)
     builder.enable_contacts()
-    return pbd.Scene(builder, frames=60, method=pbd.Jacobi(iterations=4), max_contacts=discs * discs + 64)
+    return pbd.Scene(builder, frames=60, substeps=4, method=pbd.Jacobi(iterations=4), max_contacts=discs * discs + 64)

@@ -34,7 +34,8 @@ def stability(
     with one_sentence(debug):
         maps = choose(names or [])
         check.folder(out.parent)
-        out.mkdir(exist_ok=True)
+        if not out.exists():
+            out.mkdir()
         check_picture(out / "map.svg")
         cells, done = sum(made.size for made in maps), 0
         atlas = []

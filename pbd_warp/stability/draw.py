@@ -150,9 +150,12 @@ def _ticks(axis: Any, values: Axis) -> None:
     """As many of the cells' values as there is room for."""
     step = math.ceil(len(values.values) / TICKS)
     shown = range(0, len(values.values), step)
-    axis.set_ticks(
-        list(shown), labels=[f"{values.values[k]:g}".replace("e+0", "e").replace("e-0", "e-") for k in shown]
-    )
+    axis.set_ticks(list(shown), labels=[_text(values.values[k]) for k in shown])
+
+
+def _text(value: float) -> str:
+    """Short: 1e4 for 10000."""
+    return f"{value:g}" if 1e-3 <= value < 1e4 else f"{value:.0e}".replace("e+0", "e").replace("e-0", "e-")
 
 
 def _legend(figure: Any, made: Map, outcomes: set[str]) -> None:

@@ -41,10 +41,10 @@ STEP = Map(
         "direct, midpoint4": _whip(Direct(), "midpoint4"),
         "gauss-seidel (20), midpoint4": _whip(GaussSeidel(20), "midpoint4"),
     },
-    text="A chain of 1 m falls from the horizontal and cracks, for a second. Links then turn by more than a "
-    "right angle in a long step, where the balance that the midpoint rule asks for has no solution near, "
-    "and Newton's method finds none. 'bdf2' and 'pbd' hold everywhere, as they lose what a step cannot "
-    "follow.",
+    text="A chain of 1 m falls from the horizontal and cracks, for a second. Where a step is too long for the "
+    "crack, Newton's method does not find the balance that the midpoint rule asks for, and what it leaves "
+    "is stretch or energy; which of the long steps that hits is chance. 'bdf2' and 'pbd' hold everywhere, "
+    "and take energy away.",
     cure="use integrator 'bdf2', or more substeps",
 )
 

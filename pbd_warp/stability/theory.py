@@ -26,8 +26,8 @@ GRAVITY = 9.81  # m/s^2
 DIRECTIONS = {"planar": 2, "space": 3, "line": 1}
 """What the spokes of a star share their trace among."""
 
-MOST = 2**20
-"""Sweeps beyond which nobody looks for a boundary."""
+MOST = 2**12
+"""Sweeps a frame beyond which nobody looks for a boundary."""
 
 
 def chain_limit(links: float) -> float:
