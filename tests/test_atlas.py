@@ -372,6 +372,15 @@ def test_bad_usage(call, tmp_path, args, message):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
+@pytest.mark.parametrize("library", ["matplotlib", "pbd_warp.references"])
+def test_what_the_maps_need_is_named_before_anything_is_made(call, tmp_path, monkeypatch, library):
+    monkeypatch.setitem(sys.modules, library, None)
+    code, _, err = call("small", "--out", "maps")
+    assert code == 2
+    assert "pip install 'pbd-warp[chart]'" in err
+    assert not list(tmp_path.iterdir())
+
+
 def test_ctrl_c_keeps_the_maps_that_are_done(call, tmp_path, monkeypatch):
     def interrupted(x, y):
         os.kill(os.getpid(), signal.SIGINT)

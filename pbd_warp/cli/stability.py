@@ -13,6 +13,7 @@ from pbd_warp.cli.options import Debug
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
 from pbd_warp.errors import Interrupted
 from pbd_warp.picture import check_picture
+from pbd_warp.scene import references
 from pbd_warp.stability.atlas import measure_map, save
 from pbd_warp.stability.draw import draw
 from pbd_warp.stability.maps import choose
@@ -33,10 +34,11 @@ def stability(
     """Map where methods fail: sweep two parameters of a scene, draw what became of each run."""
     with one_sentence(debug):
         maps = choose(names or [])
-        check.folder(out.parent)
+        check_picture(out.parent / "map.svg")
+        references()  # some maps need SciPy: better now than as refused cells
         if not out.exists():
             out.mkdir()
-        check_picture(out / "map.svg")
+        check.folder(out)
         cells, done = sum(made.size for made in maps), 0
         atlas = []
         with progress_bar("stability") as advance, interruptible() as stop_if_asked:
