@@ -28,7 +28,10 @@ def describe(sim: Simulation, failure: Failure) -> str:
 def _remedy(sim: Simulation, kind: str) -> str:
     """Where nothing known is near."""
     if kind == "newton":
-        return "use more substeps, or on_failure='subdivide', which makes such frames again with smaller steps"
+        return (
+            "use more substeps, on_failure='subdivide', which makes such frames again with smaller steps, or "
+            "'continue', where what is left over does not matter"
+        )
     return sim.method.remedy
 
 

@@ -114,12 +114,19 @@ def sweep_scene(
     info = {
         "reference": text,
         "measured": f"{frames} frames at {scene.fps:g} frames/s, {sweep.repeat} repetitions, median",
-        "machine": f"{platform.system()} {platform.machine()}, {_processor()}, device {model.device}",
+        **provenance(model.device),
+    }
+    return Chart(tuple(rows), info)
+
+
+def provenance(device: Any) -> dict[str, str]:
+    """What figures were measured with: machine, versions and date, for the head of their CSV."""
+    return {
+        "machine": f"{platform.system()} {platform.machine()}, {_processor()}, device {device}",
         "versions": f"pbd-warp {__version__}, warp {wp.config.version}, numpy {np.__version__}, "
         f"python {platform.python_version()}",
         "date": datetime.date.today().isoformat(),
     }
-    return Chart(tuple(rows), info)
 
 
 def charts_folder() -> Path:

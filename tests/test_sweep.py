@@ -10,6 +10,7 @@ import pytest
 import pbd_warp as pbd
 from pbd_warp.chart import load
 from pbd_warp.cli import main
+from pbd_warp.stability.maps import MAPS
 from pbd_warp.sweep import Sweep, charts_folder, sweep_scene
 
 
@@ -148,8 +149,16 @@ def test_run_takes_its_settings_from_the_chart_that_comes_along(call):
     assert out.startswith("--accuracy 0.001: --method ")
 
 
-@pytest.mark.parametrize("name", pbd.scene_names())
-def test_every_scene_comes_with_its_chart(name):
+STUDIED = {made.scene for made in MAPS.values()}
+
+
+def test_every_scene_comes_with_a_chart_or_a_map():
+    charted = {path.stem for path in charts_folder().glob("*.csv")}
+    assert charted | STUDIED == set(pbd.scene_names())
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in charts_folder().glob("*.csv")))
+def test_charts_are_of_their_scene_and_those_that_are_shown(name):
     installed = charts_folder() / f"{name}.csv"
     assert {row.scene for row in load(installed).rows} == {name}
     shown = Path(__file__).parent.parent / "docs" / "charts" / f"{name}.svg"

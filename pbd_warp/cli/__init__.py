@@ -1,11 +1,8 @@
-"""The command line: pbd-warp list | run | info | chart | simulate.
-
-A command is one file here and one name in the import below.
-"""
+"""The command line: a command is one file here and one name in the import below."""
 
 import warp as wp
 
-from pbd_warp.cli import chart, info, list, run, simulate  # noqa: F401 each adds itself to the application
+from pbd_warp.cli import chart, info, list, run, simulate, stability  # noqa: F401 each adds itself to the application
 from pbd_warp.cli.app import app
 
 

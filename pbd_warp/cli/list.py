@@ -12,4 +12,4 @@ from pbd_warp.scene import scene_names, scene_summary
 def list_scenes() -> None:
     """List the scenes."""
     for name in scene_names():
-        typer.echo(f"{name:12} {scene_summary(name)}")
+        typer.echo(f"{name:15} {scene_summary(name)}")

@@ -32,8 +32,8 @@ class Direct:
     Args:
         iterations: Newton iterations a substep at most.
         tolerance: Stop when what is left of |C| and of the momentum balance, estimated from the step just made, is
-            under it [m]; None: 16 machine epsilons of the longest link. It stops too when its steps are at round-off
-            and shrink no more.
+            under it [m]; None: 16 machine epsilons of the longest link, and what ends within epsilon^(2/3) of it counts
+            as converged. It stops too when its steps are at round-off and shrink no more.
 
     Constraints that nothing can satisfy, such as a rope held further apart than its length, make it diverge.
 
@@ -96,8 +96,11 @@ class DirectSolver:
         self._scratch = [sim.allocate(f"direct.{name}", place, dtype) for name, dtype in scratch.items()]
         self._lam = sim.allocate("direct.lam", place, sim.real)
         longest = float(edges.rest_length.max())
-        self._round_off = ROUND_OFF * float(np.finfo(model.dtype).eps)
-        self._tolerance = method.tolerance if method.tolerance is not None else self._round_off * longest
+        epsilon = float(np.finfo(model.dtype).eps)
+        self._round_off = ROUND_OFF * epsilon
+        self._tolerance, self._accepted = self._round_off * longest, epsilon ** (2.0 / 3.0) * longest
+        if method.tolerance is not None:
+            self._tolerance = self._accepted = method.tolerance
         self._counters = sim.count_iterations()
         if sim.contacts:
             self._correction = sim.allocate("direct.correction", model.particle_count, sim.vec3)
@@ -128,7 +131,7 @@ class DirectSolver:
             *(self._point, self._target, self._point_compliance),
             *(sim.state.x, sim.w),
             *(self._base, sim.per_force, sim.integrator.mean_gradient, lam_scale),
-            *(self._method.iterations, self._tolerance, self._round_off),
+            *(self._method.iterations, self._tolerance, self._accepted, self._round_off),
             *self._scratch,
             *(self._lam, sim.u, *self._counters),
         )

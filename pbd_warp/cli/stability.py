@@ -1,0 +1,62 @@
+"""pbd-warp stability."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pbd_warp import check
+from pbd_warp.cli.app import app
+from pbd_warp.cli.options import Debug
+from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.errors import Interrupted
+from pbd_warp.picture import check_picture
+from pbd_warp.scene import references
+from pbd_warp.stability.atlas import measure_map, save
+from pbd_warp.stability.draw import draw
+from pbd_warp.stability.maps import choose
+from pbd_warp.stability.page import page
+
+
+@app.command()
+def stability(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[MAP or SCENE]...", help="Maps, or scenes that have some; all unless given."),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="The folder for pictures, numbers and README.md; made if need be.")] = Path(
+        "stability"
+    ),
+    debug: Debug = False,
+) -> None:
+    """Map where methods fail: sweep two parameters of a scene, draw what became of each run."""
+    with one_sentence(debug):
+        maps = choose(names or [])
+        check_picture(out.parent / "map.svg")
+        references()  # some maps need SciPy: better now than as refused cells
+        if not out.exists():
+            out.mkdir()
+        check.folder(out)
+        cells, done = sum(made.size for made in maps), 0
+        atlas = []
+        with progress_bar("stability") as advance, interruptible() as stop_if_asked:
+
+            def on_cell() -> None:
+                nonlocal done
+                done += 1
+                advance(done, cells)
+                stop_if_asked()
+
+            try:
+                for made in maps:
+                    measured = measure_map(made, on_cell)
+                    save(measured, out / f"{made.name}.csv")
+                    draw(measured, out / f"{made.name}.svg")
+                    atlas.append(measured)
+            except KeyboardInterrupt:
+                kept = f"; {', '.join(m.map.name for m in atlas)} in {out}" if atlas else ""
+                raise Interrupted(f"interrupted after {len(atlas)} of {len(maps)} maps{kept}") from None
+        (out / "README.md").write_text(page(atlas), encoding="utf-8")
+        typer.echo(f"{len(atlas)} maps, {cells} cells: {out / 'README.md'}")

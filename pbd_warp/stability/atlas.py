@@ -1,0 +1,102 @@
+"""Measures maps, and keeps what was measured as CSV."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from pbd_warp.errors import InputError, unknown
+from pbd_warp.stability.classify import NUMBERS, OUTCOMES, Figures, classify
+from pbd_warp.stability.map import Map
+from pbd_warp.sweep import provenance
+from pbd_warp.table import TableRow, load_table, save_table
+
+REFUSED = "refused"
+
+
+@dataclass(frozen=True, eq=False)
+class Cell(TableRow):
+    """One measured cell; the fields are the columns of the CSV. outcome: one of OUTCOMES. The others: see Figures."""
+
+    panel: str
+    x: float
+    y: float
+    outcome: str
+    energy_gain: float
+    stretch: float
+    left: float
+    error: float
+
+    def __post_init__(self) -> None:
+        if self.outcome not in OUTCOMES:
+            raise unknown("outcome", self.outcome, OUTCOMES)
+
+
+COLUMNS = tuple(Cell.parsers())
+
+
+@dataclass(frozen=True)
+class Measured:
+    """All cells of a map, panel by panel, and what they were made with."""
+
+    map: Map
+    cells: tuple[Cell, ...]
+    info: dict[str, str]
+
+    def panel(self, name: str) -> dict[tuple[float, float], Cell]:
+        """The cells of a panel by (x, y)."""
+        return {(cell.x, cell.y): cell for cell in self.cells if cell.panel == name}
+
+    def beside_theory(self, name: str) -> list[Cell]:
+        """Cells of a panel that are more than one cell away from its boundary and on the wrong side of it."""
+        boundary = self.map.panels[name].boundary
+        if boundary is None:
+            return []
+        return [
+            cell
+            for cell in self.panel(name).values()
+            if abs(off := self.map.distance(name, cell.x, cell.y)) > 1.0
+            and (cell.outcome in boundary.outcomes) != (off > 0.0)
+        ]
+
+
+def measure_cell(made: Map, panel: str, x: float, y: float) -> Cell:
+    """Run one cell of a map."""
+    try:
+        figures = made.panels[panel].cell(x, y)
+        outcome = classify(figures)
+    except InputError:
+        figures, outcome = Figures(), REFUSED
+    numbers = {name: float(f"{getattr(figures, name):.4g}") for name in NUMBERS}
+    return Cell(panel=panel, x=x, y=y, outcome=outcome, **numbers)
+
+
+def measure_map(made: Map, on_cell: Callable[[], object] = lambda: None) -> Measured:
+    """Run every cell of a map; `on_cell` is called after each."""
+    cells = []
+    for panel in made.panels:
+        for x in made.x.values:
+            for y in made.y.values:
+                cells.append(measure_cell(made, panel, float(x), float(y)))
+                on_cell()
+    info = {"map": made.name, "scene": made.scene, "x": made.x.name, "y": made.y.name, **provenance("cpu")}
+    return Measured(made, tuple(cells), info)
+
+
+def save(measured: Measured, path: Path) -> None:
+    """Write the cells as CSV, the info as leading lines."""
+    save_table("a map", COLUMNS, measured.cells, measured.info, path)
+
+
+def load(made: Map, path: Path) -> Measured:
+    """Read what `save` wrote of a map.
+
+    Raises:
+        InputError: it cannot be read, or its cells are not those of the map.
+    """
+    cells, info = load_table("the map", Cell, path)
+    wanted = {(panel, float(x), float(y)) for panel in made.panels for x in made.x.values for y in made.y.values}
+    if {(cell.panel, cell.x, cell.y) for cell in cells} != wanted or len(cells) != len(wanted):
+        raise InputError(f"{path}: its cells are not those of the map {made.name}: measure it again")
+    return Measured(made, cells, info)
