@@ -146,9 +146,7 @@ def _step(sim: Simulation) -> Iterator[Caution]:
         v = sim.state.v.numpy().astype(np.float64)
         speed = np.linalg.norm(np.where(np.isfinite(v), v, 0.0), axis=1).max()
         smallest = float(model.radius[solid].min())
-        text = (
-            f"{speed:.3g} m/s is {speed * h / smallest:.2g} radii a step: what it pushes may pass through others"
-        )
+        text = f"{speed:.3g} m/s is {speed * h / smallest:.2g} radii a step: what it pushes may pass through others"
         yield Caution("speed", text, float(speed * h / (2.0 * smallest)))
 
 

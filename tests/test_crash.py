@@ -1,11 +1,13 @@
 """Runs that are killed, and disks that are full: what was written is still there."""
 
+import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from frames import assert_holds, names
@@ -19,6 +21,9 @@ resource = pytest.importorskip("resource", reason="signals and limits of POSIX")
 
 KILLS = 20
 FRAMES = 20 * CHUNK + 7
+
+# The children import what stands beside this file.
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
 
 KILLED_AT_RANDOM = f"""
 import os, random, signal, sys, time
@@ -57,7 +62,7 @@ for suffix in (".usdc", ".usda"):
 
 
 def test_killed_at_random_moments(tmp_path):
-    subprocess.run([sys.executable, "-c", KILLED_AT_RANDOM, str(tmp_path)], check=True, timeout=300)
+    subprocess.run([sys.executable, "-c", KILLED_AT_RANDOM, str(tmp_path)], check=True, timeout=300, env=ENVIRONMENT)
     held = []
     for folder in sorted(tmp_path.iterdir()):
         (count,) = folder.glob("a.count")

@@ -176,14 +176,14 @@ def test_chebyshev_explodes_when_told_too_large_a_radius(rho):
 
 
 @pytest.mark.parametrize("integrator", ["midpoint", "midpoint4"])
-@pytest.mark.parametrize("links", [100, 200])
-def test_midpoint_fails_in_long_steps_where_bdf2_and_short_steps_hold(integrator, links):
+@pytest.mark.parametrize(("links", "fps"), [(100, 5.0), (200, 10.0)])
+def test_midpoint_fails_in_long_steps_where_bdf2_and_short_steps_hold(integrator, links, fps):
     def cell(fps, integrator):
         scene = study("whip", links=links, fps=fps)
         return run_scene(replace(scene, frames=round(fps), integrator=integrator))
 
-    assert classify(cell(5.0, integrator)) in ("gained energy", "stretched", "not finite")
-    for held in (cell(5.0, "bdf2"), cell(240.0, integrator)):
+    assert classify(cell(fps, integrator)) in ("gained energy", "stretched", "not finite")
+    for held in (cell(fps, "bdf2"), cell(240.0, integrator)):
         assert classify(held) == "converged"
         assert held.stretch < 1e-9
 

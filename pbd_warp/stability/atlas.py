@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from pbd_warp.builder import find_device
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.stability.classify import NUMBERS, OUTCOMES, Figures, classify
 from pbd_warp.stability.map import Map
@@ -80,7 +81,13 @@ def measure_map(made: Map, on_cell: Callable[[], object] = lambda: None) -> Meas
             for y in made.y.values:
                 cells.append(measure_cell(made, panel, float(x), float(y)))
                 on_cell()
-    info = {"map": made.name, "scene": made.scene, "x": made.x.name, "y": made.y.name, **provenance("cpu")}
+    info = {
+        "map": made.name,
+        "scene": made.scene,
+        "x": made.x.name,
+        "y": made.y.name,
+        **provenance(str(find_device(None))),
+    }
     return Measured(made, tuple(cells), info)
 
 

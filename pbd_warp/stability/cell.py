@@ -33,7 +33,7 @@ def run_scene(
     energy: bool = True,
     error: Callable[[Simulation], float] | None = None,
 ) -> Figures:
-    """Run a scene for its frames on the CPU, or until it fails.
+    """Run a scene for its frames, or until it fails.
 
     Args:
         in_line: Particles of one height y lie along x and must not pass through each other.
@@ -43,7 +43,7 @@ def run_scene(
     Raises:
         InputError: the scene cannot be simulated with its settings.
     """
-    model = scene.builder.finalize("cpu", dtype)
+    model = scene.builder.finalize(dtype=dtype)
     # As far as it goes: nothing is rescued, and a cell is judged by its own thresholds.
     sim = make_simulation(replace(scene, on_failure="continue", limits=Limits(stretch=None)), model)
     drag = Drag(scene.drag)

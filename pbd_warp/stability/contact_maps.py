@@ -30,7 +30,7 @@ def _bullets(dtype: str) -> Callable[[float, float], Figures]:
 def sampled_bullets(speed: float, substeps: int) -> bool:
     """Whether a bullet of the scene gets past its post where overlap is tested at the ends of steps alone."""
     builder = study("bullet", speed=speed).builder
-    model = builder.finalize("cpu", "float64")
+    model = builder.finalize(dtype="float64")
     moving = model.v[:, 0] > 0.0
     step = speed / (60.0 * substeps)
     for start in model.x[moving, 0]:

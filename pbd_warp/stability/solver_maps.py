@@ -243,7 +243,7 @@ def _accelerated(scene: Callable[[], Scene]) -> Panel:
 
     @cache
     def gap(y: float) -> float:
-        return 1.0 - spectral_radius(scene().builder.finalize("cpu", "float64"), Jacobi())
+        return 1.0 - spectral_radius(scene().builder.finalize(dtype="float64"), Jacobi())
 
     blown = frozenset({"not finite", "gained energy"})
     formula = "1 \N{MINUS SIGN} rho of the graph, as chebyshev='auto' takes it"
