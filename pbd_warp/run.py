@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import warp as wp
 
@@ -21,6 +21,9 @@ from pbd_warp.model import Model
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd import UsdWriter
+
+if TYPE_CHECKING:
+    from pbd_warp.take import Replay, Take
 
 
 @dataclass(frozen=True)
@@ -72,10 +75,12 @@ def run(
     device: str | None = None,
     dtype: str = "float32",
     on_frame: Callable[[int], object] = lambda frame: None,
+    take: Take | None = None,
 ) -> RunStats:
     """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
 
     Args:
+        take: A recording to be done again, with its settings, instead of the scene's drag.
         on_frame: Called after each frame with how many are written. A KeyboardInterrupt from it ends the run.
 
     Raises:
@@ -84,9 +89,14 @@ def run(
     """
     frames = check.whole("frames", scene.frames, low=1)
     model = scene.builder.finalize(device=device, dtype=dtype)
-    sim = make_simulation(scene, model)
-    drag = Drag(scene.drag)
-    drag.check_particles(model.particle_count)
+    drag: Drag | Replay
+    if take is None:
+        drag = Drag(scene.drag)
+        drag.check_particles(model.particle_count)
+        sim = make_simulation(scene, model)
+    else:
+        drag = take.replay(scene, model)
+        sim = drag.begin()
     settings: dict[str, Any] = {
         "scene": scene.name,
         "device": str(model.device),
@@ -99,12 +109,12 @@ def run(
     now = measure(sim)
     energy_start, worst_stretch, worst_residual = now.energy, now.max_stretch, now.residual
     wall = 0.0
-    unconverged = sim.unconverged
+    unconverged, compile_seconds = sim.unconverged, sim.compile_seconds
     writer = UsdWriter(out, model, scene.fps, {"version": pbd_warp.__version__, **settings})
     with _say_what_is_kept(writer), writer:
         for frame in range(frames):
             if frame > 0:
-                drag.advance(sim)
+                sim = drag.advance(sim)
                 start = time.perf_counter()
                 sim.step()
                 wp.synchronize_device(model.device)
@@ -112,14 +122,14 @@ def run(
                 now = measure(sim)
                 worst_stretch = max(worst_stretch, now.max_stretch)
                 worst_residual = max(worst_residual, now.residual)
-                if unconverged is not None:
-                    unconverged += sim.unconverged or 0
+                if sim.unconverged is not None:
+                    unconverged = (unconverged or 0) + sim.unconverged
             writer.write(sim.state)
             on_frame(frame + 1)
     return RunStats(
         **settings,
         frames=frames,
-        compile_s=sim.compile_seconds,
+        compile_s=compile_seconds,
         wall_ms_per_frame=1e3 * wall / max(frames - 1, 1),
         max_stretch=worst_stretch,
         max_residual=worst_residual,

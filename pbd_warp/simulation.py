@@ -136,6 +136,11 @@ class Simulation:
         return self.frame * self.dt
 
     @property
+    def held(self) -> int | None:
+        """The grabbed particle, None where there is none."""
+        return self._held
+
+    @property
     def point_target(self) -> wp.array | None:
         return self._points.target if self._points else None
 

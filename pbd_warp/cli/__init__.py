@@ -1,8 +1,9 @@
-"""The command line: pbd-warp list | run | info | chart. A command is one file here and one name in the import below."""
+"""The command line: pbd-warp list | run | info | view | chart. A command is one file here and one name in the import
+below."""
 
 import warp as wp
 
-from pbd_warp.cli import chart, info, list, run  # noqa: F401 each adds itself to the application
+from pbd_warp.cli import chart, info, list, run, view  # noqa: F401 each adds itself to the application
 from pbd_warp.cli.app import app
 
 
