@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -169,16 +169,13 @@ class Replay:
             self._next += 1
             if what == CHANGE:
                 self._hand.sim = sim = value.continued(sim, self._scene, self._model)
+            elif what == "select":
+                self._hand.select(value)
+            elif what == "move":
+                self._hand.move(value)
             else:
-                _GESTURES[what](self._hand, value)
+                self._hand.deselect()
         return sim
-
-
-_GESTURES: dict[str, Callable[[Hand, Any], None]] = {
-    "select": Hand.select,
-    "move": Hand.move,
-    "deselect": lambda hand, _: hand.deselect(),
-}
 
 
 def _checked(data: dict[str, Any]) -> dict[str, Any]:

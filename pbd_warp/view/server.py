@@ -51,8 +51,11 @@ STATUS_EVERY = 0.1  # s
 MESSAGES_A_SECOND, BURST = 300.0, 600.0
 """What a page may say in the long run, and at once. One that says more is dropped."""
 
-MOST_WAITING = 64
-"""What pages have asked for (moves count once) and the simulating thread has not done yet; who asks more is dropped."""
+MOST_WAITING = 32
+"""What pages have asked for and the simulating thread has not done yet; who asks for more is dropped."""
+
+_LAST_COUNTS = (say.Move, say.Release, say.Pause, say.Reset, say.Change, say.Load)
+"""Of several of one kind in a row, all but the last are forgotten; of changes all count, as one."""
 
 LONGEST_SENTENCE = 300
 
@@ -142,6 +145,7 @@ class ViewServer:
                     process_request=self._answer,
                     compression=None,
                     max_size=say.LARGEST,
+                    close_timeout=2.0,
                     logger=quiet,
                 )
                 break
@@ -250,16 +254,21 @@ class ViewServer:
         sender = asyncio.create_task(self._send(page))
         self._opened.set()
         self._called.set()
+        closing: asyncio.Task[None] | None = None
         try:
             async for text in connection:
+                if closing:
+                    continue  # what is left must be read, or its own goodbye would never come
                 reason = self._hear(page, text)
                 if reason:
-                    await connection.close(1008, reason)
+                    closing = asyncio.create_task(connection.close(1008, reason))
         except ConnectionClosed:
             pass
         finally:
             del self._pages[number]
             sender.cancel()
+            if closing:
+                await closing
             self._waiting.append((number, None))
             self._called.set()
 
@@ -280,12 +289,12 @@ class ViewServer:
                 page.seen = message.count
                 page.wake.set()
             return None
-        last = self._waiting[-1] if self._waiting else None
-        if last and last[0] == page.number and isinstance(message, say.Move) and isinstance(last[1], say.Move):
-            self._waiting.pop()
-        elif last and last[0] == page.number and isinstance(message, say.Change) and isinstance(last[1], say.Change):
-            self._waiting.pop()
-            message = say.Change({**last[1].changes, **message.changes})
+        who, last = self._waiting[-1] if self._waiting else (0, None)
+        if who == page.number and type(last) is type(message):
+            if isinstance(message, say.Change) and isinstance(last, say.Change):
+                message = say.Change({**last.changes, **message.changes})
+            if isinstance(message, _LAST_COUNTS):
+                self._waiting.pop()
         if len(self._waiting) >= MOST_WAITING:
             return "too much asked for at once"
         self._waiting.append((page.number, message))
