@@ -70,7 +70,7 @@ class Load:
 
 @dataclass(frozen=True)
 class Seen:
-    """So many frames has the page received and drawn, or drawn a newer one instead."""
+    """So many frames has the page received."""
 
     count: int
 

@@ -45,7 +45,8 @@ HEADERS = {
 
 MOST_PAGES = 16
 IN_FLIGHT = 3
-"""Frames that a page may be behind with drawing. Then it gets no more until it has drawn, and after that the newest."""
+"""Frames on their way to a page. It gets no more before it has said that they are there, and then the newest: what a
+page has not got is never kept for it, in no buffer on the way either."""
 
 STATUS_EVERY = 0.1  # s
 MESSAGES_A_SECOND, BURST = 300.0, 600.0

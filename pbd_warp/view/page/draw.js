@@ -4,6 +4,7 @@
 // meets the ray from the eye with the sphere.
 
 const WIDTH = 1024; // of the textures
+const LINES = 81; // of the ground grid, each way
 
 const COLOURS = {
   particle: [0.93, 0.5, 0.28], fixed: [0.84, 0.88, 0.93], held: [1.0, 0.8, 0.42],
@@ -53,7 +54,7 @@ void main() {
   float away = length(back);
   back /= away;
   vec3 side = normalize(cross(up, back));
-  float reach = radius * away / sqrt(max(away * away - radius * radius, 0.01 * radius * radius)) * 1.06 + 1.5 * depth / scale;
+  float reach = radius * away / sqrt(max(away * away - radius * radius, 0.01 * radius * radius)) + 0.75 * depth / scale;
   place = centre + reach * (corner.x * side + corner.y * cross(back, side));
   colour = i == held ? heldTint : look.rgb;
   gl_Position = matrix * vec4(place, 1.0);
@@ -112,35 +113,30 @@ void main() {
   result = vec4(lit(colour, normalize(normal), normalize(eye - place)), 1.0);
 }`;
 
-const GROUND_VERTEX = COMMON + SQUARES + `
+const GROUND_VERTEX = COMMON + `
 uniform vec3 middle;
-uniform float extent;
-out vec2 place;
+uniform float cell;
 out vec3 world;
-void main() {
-  vec2 corner = corner();
-  world = vec3(middle.x + corner.x * extent, middle.y, middle.z + corner.y * extent);
-  place = world.xz;
+flat out float strength;
+void main() { // line after line, first along x, then along z
+  int line = gl_VertexID / 2 % ${LINES} - ${LINES / 2 | 0};
+  float along = ${LINES / 2 | 0}.0 * cell * float((gl_VertexID & 1) * 2 - 1);
+  float across = float(line) * cell;
+  world = middle + (gl_VertexID < ${2 * LINES} ? vec3(along, 0.0, across) : vec3(across, 0.0, along));
+  strength = line % 5 == 0 ? 0.42 : 0.2;
   gl_Position = matrix * vec4(world, 1.0);
 }`;
 
 const GROUND_FRAGMENT = COMMON + `
-in vec2 place;
 in vec3 world;
+flat in float strength;
 uniform vec3 middle;
-uniform float extent, cell;
+uniform float cell;
 out vec4 result;
-float lines(float every) {
-  vec2 wide = fwidth(place / every);
-  vec2 off = abs(fract(place / every - 0.5) - 0.5) / max(wide, 1e-6);
-  vec2 line = clamp(1.1 - off, 0.0, 1.0) * clamp(0.6 - wide, 0.0, 0.5) * 2.0; // gone where cells are under a pixel
-  return max(line.x, line.y);
-}
 void main() {
-  float fade = exp(-6.0 * dot(place - middle.xz, place - middle.xz) / (extent * extent));
-  float grazing = smoothstep(0.0, 0.08, abs(dot(normalize(world - eye), vec3(0.0, 1.0, 0.0))));
-  float strength = max(0.35 * lines(cell), 0.75 * lines(5.0 * cell));
-  result = vec4(vec3(0.45, 0.54, 0.68), strength * fade * grazing * 0.5);
+  vec3 away = (world - middle) / (${(LINES / 4) | 0}.0 * cell);
+  float grazing = smoothstep(0.0, 0.1, abs(normalize(world - eye).y)); // far lines would run into each other
+  result = vec4(vec3(0.45, 0.54, 0.68), strength * exp(-dot(away, away)) * grazing);
 }`;
 
 const FLAT_VERTEX = COMMON + `
@@ -191,8 +187,7 @@ export class Stage {
     gl.bindBuffer(gl.ARRAY_BUFFER, this.corners);
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(scene.planes.flat(2)), gl.STATIC_DRAW);
     const size = Math.max(...scene.high.map((value, k) => value - scene.low[k]), 1e-3);
-    this.extent = 6 * size;
-    this.cell = 10 ** Math.round(Math.log10(size / 8));
+    this.cell = niceBelow(size / 6);
     this.ground = scene.ground;
   }
 
@@ -240,10 +235,10 @@ export class Stage {
     gl.depthMask(false);
     uniform = use(this.floor);
     const { low, high } = scene;
-    gl.uniform3f(uniform("middle"), 0.5 * (low[0] + high[0]), this.ground, 0.5 * (low[2] + high[2]));
-    gl.uniform1f(uniform("extent"), this.extent);
+    const middle = (k) => 5 * this.cell * Math.round((low[k] + high[k]) / (10 * this.cell));
+    gl.uniform3f(uniform("middle"), middle(0), this.ground, middle(2));
     gl.uniform1f(uniform("cell"), this.cell);
-    drawSquares(this.positions, this.looks, 1);
+    gl.drawArrays(gl.LINES, 0, 4 * LINES);
     uniform = use(this.flat);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.corners);
     gl.enableVertexAttribArray(0);
@@ -289,6 +284,12 @@ export class Stage {
     gl.bindTexture(gl.TEXTURE_2D, texture);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, lines, width === 3 ? gl.RGB : gl.RGBA, gl.FLOAT, texels);
   }
+}
+
+// The largest of ..., 0.1, 0.2, 0.5, 1, 2, ... that is not above a value.
+function niceBelow(value) {
+  const ten = 10 ** Math.floor(Math.log10(value));
+  return ten * [5, 2, 1].find((step) => step * ten <= value * (1 + 1e-9));
 }
 
 function program(gl, vertex, fragment) {

@@ -19,7 +19,7 @@ let me = 0; // this page's number
 let scene = null; // as stage.py describes it
 let x = null; // positions [m]
 let held = -1, holder = 0, frame = 0;
-let received = 0, acknowledged = 0, drawn = 0;
+let received = 0, drawn = 0;
 let stale = true; // what is on the screen is not what would be drawn now
 let leading = false; // the cursor has moved since the last move was sent
 let cursor = null; // [x, y] on the canvas, where it was last
@@ -32,7 +32,7 @@ const mine = () => held >= 0 && holder === me;
 function connect() {
   socket = new WebSocket(new URL("ws", location.href.replace(/^http/, "ws")));
   socket.binaryType = "arraybuffer";
-  received = acknowledged = 0;
+  received = 0;
   socket.onmessage = ({ data }) => (data instanceof ArrayBuffer ? take(data) : hear(JSON.parse(data)));
   socket.onclose = ({ reason }) => {
     $("away").hidden = false;
@@ -76,6 +76,7 @@ function tell(sentence) {
 // A frame: generation, frame, held particle, page that holds it; positions.
 function take(data) {
   received++;
+  acknowledge();
   stale = true;
   const header = new DataView(data, 0, HEADER);
   if (!scene || header.getUint32(0, true) !== scene.generation) return;
@@ -96,7 +97,7 @@ function animate() {
   requestAnimationFrame(animate);
   if (leading && mine()) say("move", { camera: camera.describe(), at: cursor });
   leading = leading && !mine();
-  if (!stale || !x) return acknowledge();
+  if (!stale || !x) return;
   stale = false;
   const scale = $("by-stretch").checked ? stretchScale() : 0;
   $("legend").hidden = scale === 0;
@@ -105,14 +106,14 @@ function animate() {
   stage.draw(camera, x, held, scale);
   ring();
   drawn++;
-  acknowledge();
 }
 
+// The server sends only as fast as this says that frames arrive. It is not said while nobody looks.
 function acknowledge() {
-  if (received === acknowledged) return;
-  acknowledged = received;
+  if (document.hidden) return;
   say("seen", { count: received });
 }
+document.addEventListener("visibilitychange", acknowledge);
 
 // A ring around the held particle, or around the one that a click would select.
 function ring() {
@@ -213,7 +214,7 @@ canvas.addEventListener("contextmenu", (event) => event.preventDefault());
 addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey) return;
   if (event.key === "Escape") say("release");
-  if (event.target.matches("select, input[type=number]")) return;
+  if (event.target.matches("select")) return; // in which letters choose
   if (event.key === " ") panel.togglePause();
   else if (event.key === "s") say("step");
   else if (event.key === "r") say("reset");
