@@ -54,7 +54,8 @@ def session_of(name, **settings):
     return Session(pbd.load_scene(name), name, **settings)
 
 
-LED = {"worm": 0, "collision": 17, "point": 10, "rope": 20}
+LED = {"worm": (0, -1.0, -2.5), "collision": (17, -3.0, 0.5), "point": (10, -3.0, -2.0), "rope": (20, -3.0, 1.0)}
+"""Which particle, and where it is led [px a move]."""
 
 
 @pytest.mark.parametrize("name", FOUR_SCENES)
@@ -62,8 +63,8 @@ def test_click_hover_click(name, open_page, tmp_path, request):
     """The assignment's interaction: select with a click, move with no button held, let go with another click."""
     session = session_of(name)
     with served(session) as server:
-        page = open_page(server)
-        particle = LED[name]
+        page = open_page(server, **picture_options(request))
+        particle, dx, dy = LED[name]
         page.get("addEventListener('pointermove', (event) => { window.buttons |= event.buttons; })")
         moving = name in ("rope", "collision")  # faster than a script that looks first can click, on a busy machine
         if moving:
@@ -74,7 +75,7 @@ def test_click_hover_click(name, open_page, tmp_path, request):
         if moving:
             page.page.keyboard.press("Space")
         start, before = page.place(particle), np.reshape(page.get("pbd.positions"), (-1, 3))
-        path = [(start[0] - 3.0 * k, start[1] + 60.0 * np.sin(0.11 * k)) for k in range(1, 41)]
+        path = [(start[0] + dx * k, start[1] + dy * k + 20.0 * np.sin(0.15 * k)) for k in range(1, 41)]
         page.lead(path)
         page.until_under(particle, *path[-1])
         page.frames(3)
@@ -106,6 +107,12 @@ def test_click_hover_click(name, open_page, tmp_path, request):
         assert sum(what == "move" for _, what, _ in session.take.events) >= 5
         picture = page.page.locator("#stage").screenshot()
         assert len(picture) > 3000, "something is drawn"
+
+
+def picture_options(request):
+    """Twice as fine for the docs, where there is no GPU to smooth edges."""
+    wanted = request.config.getoption("--pictures")
+    return {"viewport": {"width": 1100, "height": 700}, "device_scale_factor": 2} if wanted else {}
 
 
 def keep_picture(page, name, request):

@@ -5,6 +5,7 @@
 
 const WIDTH = 1024; // of the textures
 const LINES = 81; // of the ground grid, each way
+const PIECES = 20; // of each: a line that reaches behind the eye is not drawn by every renderer
 
 const COLOURS = {
   particle: [0.93, 0.5, 0.28], fixed: [0.84, 0.88, 0.93], held: [1.0, 0.8, 0.42],
@@ -118,12 +119,13 @@ uniform vec3 middle;
 uniform float cell;
 out vec3 world;
 flat out float strength;
-void main() { // line after line, first along x, then along z
-  int line = gl_VertexID / 2 % ${LINES} - ${LINES / 2 | 0};
-  float along = ${LINES / 2 | 0}.0 * cell * float((gl_VertexID & 1) * 2 - 1);
+void main() { // first the lines along x, then those along z
+  const int middleLine = ${(LINES / 2) | 0};
+  int piece = gl_VertexID / 2 % ${PIECES}, line = gl_VertexID / ${2 * PIECES} % ${LINES} - middleLine;
+  float along = float(middleLine) * cell * (2.0 * float(piece + (gl_VertexID & 1)) / ${PIECES}.0 - 1.0);
   float across = float(line) * cell;
-  world = middle + (gl_VertexID < ${2 * LINES} ? vec3(along, 0.0, across) : vec3(across, 0.0, along));
-  strength = line % 5 == 0 ? 0.42 : 0.2;
+  world = middle + (gl_VertexID < ${2 * PIECES * LINES} ? vec3(along, 0.0, across) : vec3(across, 0.0, along));
+  strength = line % 5 == 0 ? 0.55 : 0.27;
   gl_Position = matrix * vec4(world, 1.0);
 }`;
 
@@ -238,7 +240,7 @@ export class Stage {
     const middle = (k) => 5 * this.cell * Math.round((low[k] + high[k]) / (10 * this.cell));
     gl.uniform3f(uniform("middle"), middle(0), this.ground, middle(2));
     gl.uniform1f(uniform("cell"), this.cell);
-    gl.drawArrays(gl.LINES, 0, 4 * LINES);
+    gl.drawArrays(gl.LINES, 0, 4 * PIECES * LINES);
     uniform = use(this.flat);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.corners);
     gl.enableVertexAttribArray(0);

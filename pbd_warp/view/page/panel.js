@@ -86,7 +86,7 @@ export class Panel {
       this.label(id, value);
     }
     $("pause").textContent = status.paused ? "Go on" : "Pause";
-    const figure = (value, digits, unit, factor = 1) => (value === null ? "–" : `${+(factor * value).toPrecision(digits)} ${unit}`);
+    const figure = (value, digits, unit, factor = 1) => (value === null ? "–" : `${short(factor * value, digits)} ${unit}`);
     $("frame").textContent = `${status.frame} · ${status.time.toFixed(2)} s`;
     $("ms").textContent = figure(status.ms, 3, "ms");
     $("stretch").textContent = figure(status.max_stretch, 3, "%", 100);
@@ -136,10 +136,12 @@ export class Panel {
   }
 }
 
+const short = (value, digits) => (value !== 0 && Math.abs(value) < 1e-3 ? value.toExponential(1) : String(+value.toPrecision(digits)));
+
 function length(metres) {
   if (metres === null) return "–";
   const [unit, factor] = metres >= 1 || metres === 0 ? ["m", 1] : metres >= 1e-3 ? ["mm", 1e3] : ["µm", 1e6];
-  return `${+(factor * metres).toPrecision(3)} ${unit}`;
+  return `${short(factor * metres, 3)} ${unit}`;
 }
 
 function choices(select, names, chosen) {
