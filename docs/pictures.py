@@ -1,10 +1,13 @@
 """Draws the pictures of the docs from USD files that the scenes have made.
 
-    pip install '.[chart]' && python docs/pictures.py
+    pip install '.[test]' && python docs/pictures.py
 
-Every panel shows one run: faint to strong as time goes by, the drag's path as a dotted line.
+scenes.png: every panel shows one run, faint to strong as time goes by, the drag's path as a dotted line.
+view.png: the live view, as the browser tests have seen it (they need Chromium).
 """
 
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -12,6 +15,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import warp as wp
 from matplotlib.collections import EllipseCollection, LineCollection
+from PIL import Image
 from pxr import Usd, UsdGeom
 
 import pbd_warp as pbd
@@ -56,6 +60,28 @@ def draw(axes, name: str, stage: Usd.Stage, scene: pbd.Scene) -> None:
     axes.set_axis_off()
 
 
+def view() -> None:
+    """One whole page, below it what the others show beside their panels."""
+    with tempfile.TemporaryDirectory() as folder:
+        tests = [str(HERE.parent / "tests" / "test_view_browser.py"), "-k", "click_hover_click", "--pictures", folder]
+        subprocess.run([sys.executable, "-m", "pytest", *tests], check=True)
+        pages = {name: Image.open(Path(folder) / f"{name}.png").convert("RGB") for name in SCENES}
+    width, gap = 1100, 6
+    large = pages.pop("rope")
+    large = large.resize((width, width * large.height // large.width), Image.Resampling.LANCZOS)
+    side = (width - 2 * gap) // 3
+    picture = Image.new("RGB", (width, large.height + gap + side * 3 // 4), "white")
+    picture.paste(large)
+    for number, page in enumerate(pages.values()):
+        stage = page.width - 2 * 272  # without the panel, at two pixels a unit
+        scale = min(stage / 4, page.height / 3)
+        left, top = (stage - 4 * scale) / 2, (page.height - 3 * scale) / 2
+        box = (left, top, left + 4 * scale, top + 3 * scale)
+        small = page.resize((side, side * 3 // 4), Image.Resampling.LANCZOS, box)
+        picture.paste(small, (number * (side + gap), large.height + gap))
+    picture.quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(HERE / "view.png", optimize=True)
+
+
 def main() -> None:
     wp.config.log_level = wp.LOG_ERROR
     figure, panels = plt.subplots(2, 2, figsize=(8.4, 6.2), dpi=110)
@@ -67,6 +93,7 @@ def main() -> None:
             draw(axes, name, Usd.Stage.Open(str(path)), scene)
     figure.tight_layout()
     figure.savefig(HERE / "scenes.png")
+    view()
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ def number(name: str, value: Any, *, low: float = -math.inf, high: float = math.
     """A finite float within [low, high] and > above."""
     try:
         result = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be a number, not {value!r}") from None
     if not math.isfinite(result) or not low <= result <= high or result <= above:
         raise InputError(f"{name} must be {_range(low, high, above)}, not {result:g}")
@@ -41,7 +41,7 @@ def vectors(name: str, values: Any) -> np.ndarray:
     """Finite float64 vectors, shape [n, 3]."""
     try:
         array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be numbers in threes (x, y, z)") from None
     if array.size == 0:
         array = array.reshape(0, 3)

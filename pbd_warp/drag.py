@@ -10,6 +10,7 @@ import numpy as np
 
 from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
+from pbd_warp.hand import Hand
 from pbd_warp.simulation import Simulation
 
 GESTURES = ("select", "move", "deselect")
@@ -68,16 +69,17 @@ class Drag:
         """Do what the script says for the frame that `sim.step()` makes next; gives the simulation back."""
         # Frame times are multiples of dt; a gesture at one of them must not slip to the next by rounding.
         now = sim.time + 1e-9 * sim.dt
+        hand = Hand(sim)
         if self._now and self._now.end <= now:
-            sim.release()
+            hand.deselect()
             self._now = None
         for hold in self._holds:
             if hold.start <= now < hold.end and hold is not self._now:
-                sim.grab(hold.particle)
+                hand.select(hold.particle)
                 self._now = hold
                 self._selected_at = sim.state.x[hold.particle : hold.particle + 1].numpy()[0]
         if self._now:
-            sim.move_to(self._now.target((sim.frame + 1) * sim.dt, self._selected_at))
+            hand.move(self._now.target((sim.frame + 1) * sim.dt, self._selected_at))
         return sim
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import warp as wp
 
@@ -24,6 +24,9 @@ from pbd_warp.model import Model, State
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd import UsdWriter
+
+if TYPE_CHECKING:
+    from pbd_warp.take import Replay, Take
 
 
 @dataclass(frozen=True)
@@ -159,8 +162,12 @@ def run(
     device: str | None = None,
     dtype: str = "float32",
     hooks: Hooks = Hooks(),
+    take: Take | None = None,
 ) -> RunStats:
     """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
+
+    Args:
+        take: A recording to be done again, with its settings, instead of the scene's drag.
 
     Raises:
         InputError: before anything is simulated or written.
@@ -168,13 +175,19 @@ def run(
     """
     check.whole("frames", scene.frames, low=1)
     model = scene.builder.finalize(device=device, dtype=dtype)
-    drag = Drag(scene.drag)
-    drag.check_particles(model.particle_count)
+    leader: Drag | Replay
+    if take is None:
+        leader = Drag(scene.drag)
+        leader.check_particles(model.particle_count)
+        sim = make_simulation(scene, model)
+    else:
+        leader = take.replay(scene, model)
+        sim = leader.begin()
 
     def open_writer(resume: int | None) -> UsdWriter:
         return UsdWriter(out, model, scene.fps, provenance(scene, model), resume)
 
-    return make_frames(scene, make_simulation(scene, model), drag, open_writer, out, hooks)
+    return make_frames(scene, sim, leader, open_writer, out, hooks)
 
 
 def provenance(scene: Scene, model: Model) -> dict[str, Any]:

@@ -93,12 +93,10 @@ class UsdWriter:
         Usd.ModelAPI(world).SetKind(Kind.Tokens.component)
         stage.SetDefaultPrim(world.GetPrim())
 
-        width = _shown_widths(model)
+        width = shown_widths(model)
         self._geometry = [self._define_points(width)]
-        loose = np.ones(len(model.distance), bool)
+        loose = loose_edges(model)
         if model.ropes:
-            in_rope = np.concatenate([np.stack([rope[:-1], rope[1:]], axis=1) for rope in model.ropes])
-            loose = ~_rows_in(model.distance.edge, in_rope)
             self._geometry.append(self._define_curves("Ropes", list(model.ropes), width))
         if np.any(loose):
             self._geometry.append(self._define_curves("Edges", list(model.distance.edge[loose]), 0.5 * width))
@@ -229,8 +227,7 @@ class _Surroundings:
     def _define_camera(self, centre: np.ndarray, size: np.ndarray) -> None:
         """Face-on: looks along the axis in which the motion is flattest."""
         camera = UsdGeom.Camera.Define(self._stage, "/World/Camera")
-        flat = int(np.argmin(size[::-1]))  # of equal ones the later axis, so z before y before x
-        flat = 2 - flat
+        flat = flattest_axis(size)
         right, up = ((2, 1), (0, 2), (0, 1))[flat]
         half_width = 0.5 * camera.GetHorizontalApertureAttr().Get() / camera.GetFocalLengthAttr().Get()
         half_height = 0.5 * camera.GetVerticalApertureAttr().Get() / camera.GetFocalLengthAttr().Get()
@@ -271,7 +268,21 @@ def _usd_vectors(rows: np.ndarray) -> Vt.Vec3fArray:
     return vectors
 
 
-def _shown_widths(model: Model) -> np.ndarray:
+def flattest_axis(size: np.ndarray) -> int:
+    """The axis to look along; of equal ones the later, so z before y before x. size: extents [3]."""
+    return 2 - int(np.argmin(size[::-1]))
+
+
+def loose_edges(model: Model) -> np.ndarray:
+    """Which distances are part of no rope, bool [edge_count]."""
+    if not model.ropes:
+        return np.ones(len(model.distance), bool)
+    return ~_rows_in(
+        model.distance.edge, np.concatenate([np.stack([rope[:-1], rope[1:]], axis=1) for rope in model.ropes])
+    )
+
+
+def shown_widths(model: Model) -> np.ndarray:
     """Diameters [m], shape [particle_count]; particles without a radius get one that can be seen."""
     rest = model.distance.rest_length
     shown = SHOWN_WIDTH * float(np.median(rest)) if len(rest) else 0.0

@@ -12,6 +12,12 @@ settings.load_profile("same")
 wp.config.log_level = wp.LOG_ERROR
 
 
+def pytest_addoption(parser):
+    parser.addoption(
+        "--pictures", metavar="FOLDER", help="keep there the pictures that the tests of the live view make"
+    )
+
+
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)

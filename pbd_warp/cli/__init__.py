@@ -2,7 +2,8 @@
 
 import warp as wp
 
-from pbd_warp.cli import chart, info, list, run, simulate, stability  # noqa: F401 each adds itself to the application
+# Each adds itself to the application.
+from pbd_warp.cli import chart, info, list, run, simulate, stability, view  # noqa: F401
 from pbd_warp.cli.app import app
 
 

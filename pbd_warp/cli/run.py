@@ -38,6 +38,7 @@ from pbd_warp.methods import METHODS
 from pbd_warp.run import Checkpoints, Hooks, RunStats, run
 from pbd_warp.scene import Scene
 from pbd_warp.sweep import charts_folder
+from pbd_warp.take import Take
 from pbd_warp.usd import check_path
 
 
@@ -63,6 +64,9 @@ def run_scene(
     checkpoint: Checkpoint = None,
     every: Every = Checkpoints.every,
     resume: Resume = False,
+    drags: Annotated[
+        Path | None, typer.Option(help="Do again what `view --record` has written to this file, with its settings.")
+    ] = None,
     stats: Annotated[Path | None, typer.Option(help="Write the closing figures to this JSON file.")] = None,
     debug: Debug = False,
 ) -> None:
@@ -77,6 +81,26 @@ def run_scene(
             row = _pick_for(built, accuracy)
             dtype = row.dtype
             typer.echo(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
+        take = None
+        if drags is not None:
+            brought = (
+                fps,
+                dtype,
+                method,
+                iterations,
+                substeps,
+                integrator,
+                tolerance,
+                seed,
+                set_ or None,
+                accuracy,
+                on_failure,
+            )
+            if any(given is not None for given in brought):
+                raise InputError("--drags brings the settings it was recorded with: leave others out")
+            take = Take.load(drags)
+            built, dtype = take.load_scene(scene), take.dtype
+            built.frames = take.frames if frames is None else check.whole("frames", frames, low=1)
         path = check_path(out if out is not None else Path(f"{built.name}.usda"))
         if stats is not None:
             check.folder(stats.parent)
@@ -84,7 +108,7 @@ def run_scene(
             built.on_failure = on_failure
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
-            result = run(built, path, device, dtype or "float32", hooks)
+            result = run(built, path, device, dtype or "float32", hooks, take)
         if stats is not None:
             result.save(stats)
         typer.echo(table(result))

@@ -1,0 +1,101 @@
+"""pbd-warp view."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import signal
+import threading
+import webbrowser
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pbd_warp import check
+from pbd_warp.cli.app import app
+from pbd_warp.cli.options import (
+    Debug,
+    Device,
+    Dtype,
+    Fps,
+    Integrator,
+    Iterations,
+    Method,
+    SceneName,
+    Seed,
+    Set,
+    Substeps,
+    Tolerance,
+    scene_with,
+)  # fmt: skip
+from pbd_warp.cli.terminal import one_sentence
+from pbd_warp.errors import InputError
+from pbd_warp.view.session import Session
+
+
+@app.command()
+def view(
+    scene: SceneName,
+    host: Annotated[str, typer.Option(help="Address to listen on; others than this let other machines in.")] = (
+        "127.0.0.1"
+    ),
+    port: Annotated[int, typer.Option(help="First port to try; a busy one gives the next free one, 0 any.")] = 8417,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Don't open the browser.")] = False,
+    record: Annotated[
+        Path | None, typer.Option(help="Write what was done to this JSON file, for `run --drags`.")
+    ] = None,
+    fps: Fps = None,
+    device: Device = None,
+    dtype: Dtype = None,
+    method: Method = None,
+    iterations: Iterations = None,
+    substeps: Substeps = None,
+    integrator: Integrator = None,
+    tolerance: Tolerance = None,
+    seed: Seed = None,
+    set_: Set = None,
+    debug: Debug = False,
+) -> None:
+    """Run a scene live in the browser, where the mouse leads its particles."""
+    with one_sentence(debug):
+        if not 0 <= port <= 65535:
+            raise InputError(f"--port must be in 0..65535, not {port}")
+        if record is not None:
+            check.folder(record.parent)
+            if record.is_dir():
+                raise InputError(f"{record} is a folder; name a file in it")
+        built = scene_with(scene, None, fps, method, iterations, substeps, integrator, tolerance, seed, set_)
+        settings = dict(text.split("=", 1) for text in set_ or [])
+        session = Session(built, scene, device, dtype or "float32", seed, settings)
+        asyncio.run(_serve(session, host, port, no_open, record))
+
+
+async def _serve(session: Session, host: str, port: int, no_open: bool, record: Path | None) -> None:
+    """Until Ctrl-C, which is how one ends it, or the terminal is closed."""
+    try:
+        from pbd_warp.view.server import ViewServer
+    except ImportError as error:
+        if error.name is None or error.name.partition(".")[0] != "websockets":
+            raise
+        raise InputError("the live view needs the package websockets: pip install 'pbd-warp[view]'") from None
+    server = ViewServer(session, host, port)
+    await server.start()
+    try:
+        if port not in (0, server.port):
+            typer.echo(f"port {port} is busy: took {server.port}")
+        if not server.loopback:
+            typer.echo(f"warning: everybody who can reach {host} and knows the token can act on the scene", err=True)
+        typer.echo(f"{session.scene.name} is live at {server.url} (Ctrl-C ends it)")
+        if not no_open:
+            threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
+        stop = asyncio.Event()
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            with contextlib.suppress(AttributeError, NotImplementedError):  # not all are everywhere
+                asyncio.get_running_loop().add_signal_handler(getattr(signal, name), stop.set)
+        await stop.wait()
+    finally:
+        await server.stop()
+        if record is not None:
+            session.save(record)
+            typer.echo(f"{session.take.frames} frames of scene {session.scene.name} are recorded in {record}")

@@ -1,0 +1,224 @@
+"""Recordings of what was done to a running scene, from which the same motion can be made again."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pbd_warp import check
+from pbd_warp.drag import GESTURES
+from pbd_warp.durable import replacing
+from pbd_warp.errors import InputError
+from pbd_warp.hand import Hand
+from pbd_warp.model import Model
+from pbd_warp.scene import Scene, load_scene
+from pbd_warp.settings import Settings
+from pbd_warp.simulation import Simulation
+
+CHANGE = "settings"
+"""The event beside the three gestures: the simulation goes on with other settings."""
+
+
+@dataclass
+class Take:
+    """What was done from the initial state on.
+
+    scene, seed, scene_settings: What was built (`load_scene`); model: a few numbers by which it is known again.
+    fps, dtype, settings: How it was simulated at the start.
+    frames: How many there are, the initial state included.
+    events: (frame, gesture or "settings", value), in the order in which they happened. `frame` frames were done before.
+    """
+
+    scene: str
+    seed: int | None
+    scene_settings: dict[str, str]
+    model: dict[str, float]
+    fps: float
+    dtype: str
+    settings: Settings
+    frames: int = 1
+    events: list[tuple[int, str, Any]] = field(default_factory=list)
+
+    def note(self, frame: int, what: str, value: Any) -> None:
+        """Add an event. A frame has one move: of several the last counts."""
+        if what == "move" and self.events and self.events[-1][:2] == (frame, what):
+            self.events.pop()
+        self.events.append((frame, what, value))
+
+    def save(self, path: Path) -> None:
+        """Write it as JSON, whole or not at all.
+
+        Raises:
+            SimulationFailed: it could not be written.
+        """
+        header = {**vars(self), "settings": self.settings.to_json()}
+        events = [(frame, what, value.to_json() if what == CHANGE else value) for frame, what, value in self.events]
+        # An event a line, so that the file can be read and compared.
+        lines = ",\n  ".join(json.dumps(event) for event in events)
+        text = json.dumps({**header, "events": []}, indent=1).replace('"events": []', f'"events": [\n  {lines}\n ]')
+        with replacing(path, path.with_name(f".{path.name}.{os.getpid()}")) as temporary:
+            temporary.write_text(text + "\n")
+
+    @classmethod
+    def load(cls, path: Path) -> Take:
+        """Read what `save` wrote.
+
+        Raises:
+            InputError: no such file, or anything in it that `save` would not have written.
+        """
+        try:
+            data = json.loads(path.read_text())
+        except (OSError, ValueError, RecursionError) as error:
+            raise InputError(f"{path} is no recording of drags: {error}") from None
+        names = [field.name for field in fields(cls)]
+        if not isinstance(data, dict) or sorted(data) != sorted(names):
+            raise InputError(f"{path} is no recording of drags: it must have {', '.join(names)}")
+        try:
+            return cls(**_checked(data))
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+
+    def load_scene(self, name: str) -> Scene:
+        """The scene that this is a take of, by its name or its file, with the settings of the start.
+
+        Raises:
+            InputError: another scene.
+        """
+        if Path(name).stem != self.scene:
+            raise InputError(f"the drags are of scene {self.scene}, not of {name}")
+        scene = load_scene(name, self.seed, self.scene_settings)
+        first = self.settings
+        return replace(
+            scene,
+            fps=self.fps,
+            method=first.method,
+            integrator=first.integrator,
+            substeps=first.substeps,
+            damping=first.damping,
+        )
+
+    def replay(self, scene: Scene, model: Model) -> Replay:
+        """Do it again.
+
+        Raises:
+            InputError: the model is not the one that this is a take of.
+        """
+        now = summary(model)
+        same = now.keys() == self.model.keys() and all(
+            np.isclose(now[key], self.model[key], rtol=1e-6, atol=1e-9) for key in now
+        )
+        if not same:
+            raise InputError(f"scene {scene.name} is not what it was when the drags were recorded: record them anew")
+        selected = [value for _, what, value in self.events if what == "select"]
+        check.indices("drags: select", selected, model.particle_count)
+        return Replay(self, scene, model)
+
+
+def summary(model: Model) -> dict[str, float]:
+    """A few numbers by which a model is known again, whatever rounding another machine builds it with."""
+    arrays = {
+        "x": model.x,
+        "v": model.v,
+        "w": model.w,
+        "radius": model.radius,
+        "rest_length": model.distance.rest_length,
+        "compliance": model.distance.compliance,
+        "stiffness": model.distance.stiffness,
+        "target": model.point.target,
+        "collider": model.colliders.centre,
+    }
+    counts = {"particles": float(model.particle_count), "constraints": float(model.constraint_count)}
+    return counts | {name: float(np.linalg.norm(array)) for name, array in arrays.items()}
+
+
+class Replay:
+    """Does again what a take holds; made by `Take.replay`."""
+
+    def __init__(self, take: Take, scene: Scene, model: Model):
+        self._take, self._scene, self._model = take, scene, model
+        self._next = 0
+        self._hand: Hand | None = None
+
+    def begin(self) -> Simulation:
+        """The simulation in its initial state."""
+        sim = self._take.settings.simulation(self._scene, self._model)
+        self._hand = Hand(sim)
+        return sim
+
+    @property
+    def memory(self) -> int:
+        """How many events are done, for a checkpoint."""
+        return self._next
+
+    def resume(self, memory: int, sim: Simulation) -> Simulation:
+        """Go on from a checkpoint, with the settings in force there."""
+        self._next = memory
+        changes = [value for _, what, value in self._take.events[:memory] if what == CHANGE]
+        if changes:
+            sim = changes[-1].simulation(self._scene, self._model)
+        self._hand = Hand(sim)
+        return sim
+
+    def advance(self, sim: Simulation) -> Simulation:
+        """Do what was done before the frame that `step()` makes next, of the simulation that this returns."""
+        assert self._hand is not None
+        events = self._take.events
+        while self._next < len(events) and events[self._next][0] <= sim.frame:
+            _, what, value = events[self._next]
+            self._next += 1
+            if what == CHANGE:
+                self._hand.sim = sim = value.continued(sim, self._scene, self._model)
+            elif what == "select":
+                self._hand.select(value)
+            elif what == "move":
+                self._hand.move(value)
+            else:
+                self._hand.deselect()
+        return sim
+
+
+def _checked(data: dict[str, Any]) -> dict[str, Any]:
+    """The fields of a take from what was read, each checked."""
+    for name in ("scene", "dtype"):
+        if not isinstance(data[name], str):
+            raise InputError(f"{name} must be a text")
+    for name, kind in (("scene_settings", str), ("model", (int, float))):
+        table = data[name]
+        if not isinstance(table, Mapping) or not all(isinstance(value, kind) for value in table.values()):
+            raise InputError(f"{name} must be a table of {'texts' if kind is str else 'numbers'}")
+    if data["seed"] is not None:
+        check.whole("seed", data["seed"], low=0)
+    data["fps"] = check.number("fps", data["fps"], above=0.0)
+    check.whole("frames", data["frames"], low=1)
+    data["settings"] = Settings.from_json(data["settings"])
+    if not isinstance(data["events"], list):
+        raise InputError("events must be a list")
+    last, holding = 0, False
+    events = []
+    for number, event in enumerate(data["events"]):
+        at = f"event {number}"
+        if not isinstance(event, list) or len(event) != 3:
+            raise InputError(f"{at} must be [frame, what, value]")
+        frame, what, value = check.whole(f"{at}: frame", event[0], low=0), event[1], event[2]
+        if frame < last:
+            raise InputError(f"{at}: frame {frame} comes after frame {last}; a recording goes forward in time")
+        if what in ("move", "deselect") and not holding:
+            raise InputError(f"{at}: {what} without a selected particle")
+        if what == "select":
+            check.whole(f"{at}: particle", value, low=0)
+        elif what == "move":
+            check.vector(f"{at}: position", value)
+        elif what == CHANGE:
+            value = Settings.from_json(value)
+        elif what != "deselect":
+            raise InputError(f"{at}: {what!r} is none of {', '.join(GESTURES)}, {CHANGE}")
+        last = frame
+        holding = what in ("select", "move") or (holding and what == CHANGE)
+        events.append((frame, what, value))
+    return {**data, "events": events}
