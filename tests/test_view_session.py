@@ -11,7 +11,7 @@ from pxr import Usd, UsdGeom
 import pbd_warp as pbd
 from pbd_warp.camera import Camera
 from pbd_warp.hand import Hand
-from pbd_warp.run import run
+from pbd_warp.run import Checkpoints, Hooks, run
 from pbd_warp.settings import Settings
 from pbd_warp.take import Take
 from pbd_warp.view import messages as say
@@ -42,14 +42,17 @@ def change(session, **changes):
     session.do(1, say.Change(changes))
 
 
-def replayed(take, source, folder):
-    """Positions of every frame that `run` writes from a take: float32 [frames, n, 3]."""
+def replayed(take, source, folder, stop=None):
+    """Positions of every frame that `run` writes from a take, maybe in two goes: float32 [frames, n, 3]."""
     path = folder / "drags.json"
     take.save(path)
     take = Take.load(path)
     scene = take.load_scene(source)
-    scene.frames = take.frames
-    run(scene, folder / "again.usdc", dtype=take.dtype, take=take)
+    checkpoint = folder / "checkpoint.npz"
+    for frames in (stop, take.frames) if stop else (take.frames,):
+        scene.frames = frames
+        hooks = Hooks(checkpoints=Checkpoints(checkpoint, every=9, resume=checkpoint.exists()) if stop else None)
+        run(scene, folder / "again.usdc", dtype=take.dtype, hooks=hooks, take=take)
     stage = Usd.Stage.Open(str(folder / "again.usdc"))
     points = UsdGeom.Points.Get(stage, "/World/Particles").GetPointsAttr()
     return np.array([points.Get(frame) for frame in range(take.frames)])
@@ -99,6 +102,8 @@ def test_a_recording_replays_bit_for_bit(name, tmp_path):
     assert again.dtype == np.float32
     np.testing.assert_array_equal(again, np.array(film.frames))
     assert np.abs(again[-1] - again[12]).max() > 0.05, "something has moved"
+    # The checkpoint of frame 36 is in the middle of it, after two changes of settings.
+    np.testing.assert_array_equal(replayed(session.take, name, tmp_path, stop=40), again)
 
 
 @pytest.mark.parametrize(
