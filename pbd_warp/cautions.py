@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 STRETCHED = 0.1
 """Stretch that counts as a failure, as in the atlas."""
 
-WHIP = 0.2
+WHIP = 0.3
 """A link that turns by this angle in a step [rad] under its own weight is too much for "midpoint" as a whip."""
 
 NOISE = 0.01

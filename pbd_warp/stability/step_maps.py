@@ -43,8 +43,8 @@ STEP = Map(
     },
     text="A chain of 1 m falls from the horizontal and cracks, for a second. Where a step is too long for the "
     "crack, Newton's method does not find the balance that the midpoint rule asks for, and what it leaves "
-    "is stretch or energy; which of the long steps that hits is chance. 'bdf2' and 'pbd' hold everywhere, "
-    "and take energy away.",
+    "is stretch or energy; which of the long steps that hits is chance. 'bdf2' and 'pbd' hold in all but "
+    "the longest step of the longest chain, and take energy away.",
     cure="use integrator 'bdf2', or more substeps",
 )
 
