@@ -213,6 +213,11 @@ def test_a_change_of_settings_goes_on_from_the_present_state():
     assert (session.frame, session.sim.frame, session.hand.particle, session.holder) == (frame, frame, 20, 1)
     session.advance()
     np.testing.assert_array_equal(session.positions()[20], before[20])
+    move(session, (480.0, 310.0))
+    change(session, iterations=4)
+    session.advance()
+    np.testing.assert_allclose(place_of(session, 20), (480.0, 310.0), atol=1e-3)  # where it was to go it still goes
+    change(session, iterations=3)
     status = session.status()
     assert status["settings"] | {"damping": 0, "stiffness": 0} == {
         **{"method": "gauss-seidel", "iterations": 3, "integrator": "pbd", "substeps": 11},

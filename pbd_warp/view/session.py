@@ -157,7 +157,6 @@ class Session:
             "max_stretch": _finite(now.max_stretch),
             "residual": _finite(now.residual),
             "energy": _finite(now.energy),
-            "unconverged": self.sim.unconverged,
             "settings": {
                 "method": settings.method.name,
                 "iterations": settings.method.iterations,
