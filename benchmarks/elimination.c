@@ -63,7 +63,8 @@ void eliminate(int paths, int iterations, const int *first, const double *rest, 
                     double length = sqrt(dot(d, d));
                     g = length > 0.0 ? scaled(1.0 / length, d) : (Vec){1.0, 0.0, 0.0};
                     c = rest[s] - length;
-                    if (length > 0.0) k = fmax(-lam[s] / length, -0.2 / fmax(w[s], w[s + 1]));
+                    if (length > 0.0) k = -lam[s] / length;
+                    if (k < 0.0) k = fmax(k, -0.2 / fmax(w[s], w[s + 1]));
                     force = scaled(lam[s], g);
                 }
 

@@ -143,7 +143,9 @@ def solve_paths(
                 a = a_s
                 c = -(stretch + a * lam[s])
                 if size > zero:
-                    k = wp.max(-lam[s] / size, -Real(SOFTEST) / wp.max(w[i], w[j]))
+                    k = -lam[s] / size
+                    if k < zero:
+                        k = wp.max(k, -Real(SOFTEST) / wp.max(w[i], w[j]))
                 force = lam[s] * g
             gradient[s] = g
             normal[s] = n
