@@ -17,7 +17,7 @@ def cost_sheet(sim: Simulation) -> str:
         f"constraints      {model.constraint_count}",
         f"steps a frame    {sim.substeps} of {1e3 * sim.substep_dt:.4g} ms",
         f"launches a step  {len(passes)}",
-        f"launches a frame {sim.substeps * len(passes)}",
+        f"launches a frame {sim.launches}",
         f"device memory    {total} bytes, {total / model.particle_count:.1f} a particle",
         "",
         "passes of a step, in order:",

@@ -255,6 +255,13 @@ class Simulation:
             self._run_step(remaining=1)
         return [name for name, _ in trace]
 
+    @property
+    def launches(self) -> int:
+        """Launches in a frame: its steps, and the watch at its end."""
+        with self.launch.dry_run() as trace:
+            self._run_frame()
+        return len(trace)
+
     def grab(self, particle: int) -> None:
         """Take hold of a particle: it stays where it is, whatever pulls at it, until `move_to` or `release`."""
         check.indices("grab", [particle], self.model.particle_count)

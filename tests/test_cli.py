@@ -86,7 +86,7 @@ def test_run_and_the_api_give_the_same_motion(tmp_path):
 def test_info_is_the_cost_sheet(tmp_path):
     result = call("info", "rope", cwd=tmp_path)
     assert result.returncode == 0
-    for line in ("launches a step  15", "launches a frame 720", "  2 x (project_distance)\n  project_point\n"):
+    for line in ("launches a step  15", "launches a frame 721", "  2 x (project_distance)\n  project_point\n"):
         assert line in result.stdout
     assert "contact" not in result.stdout
 

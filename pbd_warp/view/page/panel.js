@@ -99,8 +99,8 @@ export class Panel {
       : status.keeps_up ? `real time${percent}` : `cannot keep up${percent} of real time`) + watching;
     $("failure").hidden = status.failure === null;
     $("failure").querySelector("p").textContent = status.failure ?? "";
-    const [, steps] = /steps a frame\s+(\d+)/.exec(status.cost), [, step] = /launches a step\s+(\d+)/.exec(status.cost);
-    $("launches").textContent = `${steps} × ${step} = ${steps * step} launches`;
+    const [, launches] = /launches a frame\s+(\d+)/.exec(status.cost);
+    $("launches").textContent = `${launches} launches a frame`;
     if ($("cost").textContent !== status.cost) $("cost").textContent = status.cost;
     if (status.frame < this.lastFrame) this.energies = [];
     if (status.energy !== null && status.frame !== this.lastFrame) this.energies.push(status.energy);
