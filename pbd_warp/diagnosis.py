@@ -51,9 +51,10 @@ def _worst_constraint(sim: Simulation) -> str:
     """The constraint that is furthest off, among those whose particles are finite; nothing where there is none."""
     x = sim.state.x.numpy().astype(np.float64)
     edges, points = sim.model.distance, sim.model.point
-    off = [np.abs(edges.residual(x))]
-    if sim.point_target is not None:
-        off.append(points.residual(x, sim.point_target.numpy()))
+    with np.errstate(all="ignore"):
+        off = [np.abs(edges.residual(x))]
+        if sim.point_target is not None:
+            off.append(points.residual(x, sim.point_target.numpy()))
     c = np.nan_to_num(np.concatenate(off), nan=-1.0, posinf=-1.0)
     if not len(c) or c.max() < 0.0:
         return ""

@@ -32,6 +32,11 @@ class Measures:
 
 def measure(sim: Simulation) -> Measures:
     """Measure a simulation as it is now; reads the state back from the device."""
+    with np.errstate(all="ignore"):
+        return _measure(sim)
+
+
+def _measure(sim: Simulation) -> Measures:
     model = sim.model
     x = sim.state.x.numpy().astype(np.float64)
     v = sim.state.v.numpy().astype(np.float64)
