@@ -61,6 +61,7 @@ def limit_recovery(
     # Model:
     edge: wp.array[wp.vec2i],  # [edge_count]
     rest_length: wp.array[Real],  # [edge_count] [m]
+    soft: wp.array[wp.int32],  # [edge_count] 1: its error is its force, and stays
     # State:
     x: wp.array[Vec3],
     # In:
@@ -72,7 +73,9 @@ def limit_recovery(
     that speed."""
     k = wp.tid()
     length = wp.length(x[edge[k][0]] - x[edge[k][1]])
-    rest_now[k] = wp.clamp(rest_length[k], length - recovery, length + recovery)
+    rest_now[k] = rest_length[k]
+    if soft[k] == 0:
+        rest_now[k] = wp.clamp(rest_length[k], length - recovery, length + recovery)
 
 
 @kernel

@@ -27,7 +27,7 @@ NOISE = 0.01
 
 
 ROUND_OFF = 1e-6
-"""A rope held straight is not held too far apart, whatever rounding says."""
+"""Of a length, by which it is the same."""
 
 
 @dataclass(frozen=True)
@@ -51,36 +51,46 @@ class Caution:
         return f"{self.text}: {self.remedy} (test: {self.test})"
 
 
-def cautions(sim: Simulation) -> list[Caution]:
-    """All checks that apply, the worst first; those with a severity above 1 are known to fail."""
-    found = [c for test in TESTS for c in test(sim)]
+@dataclass(frozen=True)
+class _Now:
+    """The state to be judged: positions [m] and velocities [m/s], float64 [particle_count, 3]."""
+
+    x: np.ndarray
+    v: np.ndarray
+
+
+def cautions(sim: Simulation, failed: bool = False) -> list[Caution]:
+    """All checks that apply, the worst first; those with a severity above 1 are known to fail.
+
+    Args:
+        failed: The simulation has just failed. Where its particles are then says nothing about why, so they are judged
+            where they began; but for those that are held, which are where they are led to.
+    """
+    x = (sim.model.x if failed else sim.state.x.numpy()).astype(np.float64)
+    v = (sim.model.v if failed else sim.state.v.numpy()).astype(np.float64)
+    if failed:
+        fixed = sim.w.numpy() == 0.0
+        x[fixed] = sim.state.x.numpy()[fixed]
+    if sim.held is not None:
+        x[sim.held] = sim.grab_target.numpy()[0]
+    now = _Now(np.nan_to_num(x), np.nan_to_num(v))
+    found = [c for test in TESTS for c in test(sim, now)]
     return sorted(found, key=lambda caution: -caution.severity)
 
 
 def nearest_remedy(sim: Simulation) -> str:
     """Of a simulation that failed: what its state and settings are known to fail of, and the cure; empty if nothing."""
-    known = [c for c in cautions(sim) if c.severity > 1.0]
+    known = [c for c in cautions(sim, failed=True) if c.severity > 1.0]
     return f"{known[0].text}: {known[0].remedy}" if known else ""
 
 
-def _positions(sim: Simulation) -> np.ndarray:
-    """Where the particles are, or began where they are nowhere any more; the grabbed one is where it is led to."""
-    x = sim.state.x.numpy().astype(np.float64)
-    if not np.isfinite(x).all():
-        x = sim.model.x.copy()
-    held = sim.held
-    if held is not None:
-        x[held] = sim.grab_target.numpy()[0]
-    return x
-
-
-def _relaxation(sim: Simulation) -> Iterator[Caution]:
+def _relaxation(sim: Simulation, now: _Now) -> Iterator[Caution]:
     """Jacobi converges where relaxation times the largest eigenvalue of a sweep is below 2; over many steps of an odd
     number K of sweeps, where it is below 1 + 3^(-1/K) (pbd_warp/stability/theory.py)."""
     method = sim.method
     if not isinstance(method, Jacobi) or (method.averaging == "mass-splitting" and method.relaxation <= 1.0):
         return
-    largest = max(largest_eigenvalue(sim.model, method, _positions(sim)), 1e-300)
+    largest = max(largest_eigenvalue(sim.model, method, now.x), 1e-300)
     limit, at_odd = 2.0 / largest, (1.0 + 3.0 ** (-1.0 / method.iterations)) / largest
     # At the limit itself an error neither grows nor falls, and the estimate of it is good to some 0.1 %.
     severity = method.relaxation / limit * (1.0 + 1e-3)
@@ -91,7 +101,7 @@ def _relaxation(sim: Simulation) -> Iterator[Caution]:
         yield Caution("sweeps", text, method.relaxation / at_odd)
 
 
-def _truncation(sim: Simulation) -> Iterator[Caution]:
+def _truncation(sim: Simulation, now: _Now) -> Iterator[Caution]:
     """K sweeps are like springs: a link that carries a tension T hangs stretched by h^2 T (n_i w_i + n_j w_j) / K.
 
     From the stretch of truncated Jacobi, B^K (sum P B^k)^-1 h^2 T, for few sweeps on a long chain. T is taken as the
@@ -129,10 +139,15 @@ def _truncation(sim: Simulation) -> Iterator[Caution]:
         f"{about} is too much for {method.iterations} iterations at {sim.substeps} substeps (estimated stretch "
         f"{100 * stretch[worst]:.2g} %)"
     )
-    yield Caution("mass_ratio" if heavy else "chain_length", text, float(stretch[worst]) / STRETCHED)
+    test = "mass_ratio" if heavy else "chain_length"
+    yield Caution(test, text, float(stretch[worst]) / STRETCHED)
+    if sim.depenetration_speed is not None:
+        longest = float((stretch * edges.rest_length[rated]).max())
+        text = f"a depenetration speed of {sim.depenetration_speed:g} m/s does not take back what a step stretches"
+        yield Caution(test, text, longest / (sim.depenetration_speed * sim.substep_dt))
 
 
-def _step(sim: Simulation) -> Iterator[Caution]:
+def _step(sim: Simulation, now: _Now) -> Iterator[Caution]:
     """The step is too long for what moves in it."""
     model = sim.model
     h = sim.substep_dt
@@ -143,21 +158,20 @@ def _step(sim: Simulation) -> Iterator[Caution]:
         yield Caution("step", text, float(turn) / WHIP)
     solid = model.radius > 0.0
     if sim.contacts and np.any(solid):
-        v = sim.state.v.numpy().astype(np.float64)
-        speed = np.linalg.norm(np.where(np.isfinite(v), v, 0.0), axis=1).max()
+        speed = np.linalg.norm(now.v, axis=1).max()
         smallest = float(model.radius[solid].min())
         text = f"{speed:.3g} m/s is {speed * h / smallest:.2g} radii a step: what it pushes may pass through others"
         yield Caution("speed", text, float(speed * h / (2.0 * smallest)))
 
 
-def _precision(sim: Simulation) -> Iterator[Caution]:
+def _precision(sim: Simulation, now: _Now) -> Iterator[Caution]:
     """Positions are stored rounded: far out each step makes velocity out of that."""
     model = sim.model
     lengths = np.concatenate([model.distance.rest_length, model.radius])
     lengths = lengths[lengths > 0.0]
     if not len(lengths):
         return
-    far = float(np.abs(_positions(sim)).max())
+    far = float(np.abs(now.x).max())
     rounding = float(np.finfo(model.dtype).eps) * far
     gravity = float(np.linalg.norm(model.gravity))
     typical = np.sqrt(gravity * float(lengths.min())) or float(np.linalg.norm(model.v, axis=1).max())
@@ -167,12 +181,12 @@ def _precision(sim: Simulation) -> Iterator[Caution]:
         yield Caution("precision", text, float(severity))
 
 
-def _unreachable(sim: Simulation) -> Iterator[Caution]:
+def _unreachable(sim: Simulation, now: _Now) -> Iterator[Caution]:
     """Two ends held further apart than the rope between them is long."""
     model = sim.model
     if not isinstance(sim.method, Direct):
         return
-    x = _positions(sim)
+    x = now.x.copy()
     locked = sim.w.numpy() == 0.0
     targets = sim.point_target.numpy() if sim.point_target is not None else np.zeros((0, 3))
     rigid = model.point.compliance == 0.0
@@ -188,7 +202,9 @@ def _unreachable(sim: Simulation) -> Iterator[Caution]:
             apart, rope = float(np.linalg.norm(x[vertex[a]] - x[vertex[b]])), float(length[a:b].sum())
             if apart > 0.0 and not soft[a:b].any():
                 text = f"particles {vertex[a]} and {vertex[b]} are held {apart:.4g} m apart, on a rope of {rope:.4g} m"
-                yield Caution("unreachable", text, apart / (rope * (1.0 + ROUND_OFF)))
+                # Held straight it carries nothing: where there is weight that is as bad as too far.
+                most = rope * (1.0 - ROUND_OFF if np.any(model.gravity) else 1.0 + ROUND_OFF)
+                yield Caution("unreachable", text, apart / most)
 
 
 TESTS = (_unreachable, _relaxation, _truncation, _step, _precision)

@@ -6,6 +6,7 @@ simulation, so that there is no list of what is state and what is scratch to get
 
 from __future__ import annotations
 
+import inspect
 import json
 import os
 import zipfile
@@ -57,9 +58,10 @@ def save(sim: Simulation, path: str | Path, extra: Mapping[str, Any] | None = No
         "led": sim.led,
         "extra": dict(extra or {}),
     }
-    members: dict[str, Any] = {"header": np.frombuffer(json.dumps(header).encode(), np.uint8)}
-    members |= {f"model/{name}": values for name, values in _flat(sim.model)}
+    members: dict[str, Any] = {f"model/{name}": values for name, values in _flat(sim.model)}
     members |= {f"array/{name}": array.numpy() for name, array in sim.arrays.items()}
+    header["members"] = ["header", *members]
+    members["header"] = np.frombuffer(json.dumps(header).encode(), np.uint8)
     with replacing(path, path.with_name(f".{path.name}.{os.getpid()}")) as temporary, open(temporary, "wb") as file:
         np.savez(file, **members)
 
@@ -74,12 +76,17 @@ def load(path: str | Path, device: Any = None) -> Simulation:
         InputError: no such file, a truncated or damaged one, one that is no checkpoint, or of another version.
     """
     header, members = _read(Path(path))
-    settings = header["settings"]
-    method = dict(settings.pop("method"))
-    model = _model(members, find_device(device or header["device"]), header["dtype"])
-    sim = Simulation(
-        model, method=METHODS[method.pop("name")](**method), limits=Limits(**settings.pop("limits")), **settings
-    )
+    try:
+        settings = dict(header["settings"])
+        if settings.keys() != set(inspect.signature(Simulation).parameters) - {"model"}:
+            raise KeyError(f"settings {', '.join(settings)}")
+        method = dict(settings.pop("method"))
+        model = _model(members, find_device(device or header["device"]), header["dtype"])
+        sim = Simulation(
+            model, method=METHODS[method.pop("name")](**method), limits=Limits(**settings.pop("limits")), **settings
+        )
+    except (KeyError, TypeError, IndexError) as error:
+        raise InputError(f"checkpoint {path} does not fit this pbd-warp: it was made by another ({error})") from None
     _fill(sim, header, members, path)
     return sim
 
@@ -131,9 +138,11 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         with np.load(path, allow_pickle=False) as archive:
             members = {name: archive[name] for name in archive.files}
         header = json.loads(members["header"].tobytes())
-        if header["format"] != FORMAT:
-            raise KeyError("format")
-    except (zipfile.BadZipFile, KeyError, ValueError, TypeError, OSError, EOFError) as error:
+        if header["format"] != FORMAT or (
+            header["version"] == VERSION and sorted(header["members"]) != sorted(members)
+        ):
+            raise KeyError("members")
+    except (zipfile.BadZipFile, KeyError, ValueError, TypeError, OSError, EOFError, RuntimeError) as error:
         raise InputError(
             f"{path} is no whole checkpoint of pbd-warp (truncated, damaged or something else): {error}"
         ) from None

@@ -47,6 +47,7 @@ class Drag:
     def __init__(self, gestures: Iterable[Sequence[Any]] = ()):
         self.gestures = [tuple(gesture) for gesture in gestures]
         self._holds = _parse(self.gestures)
+        self._script = [[time, what, *np.ravel(value).tolist()] for time, what, *value in self.gestures]
         self._now: _Hold | None = None
         self._selected_at = np.zeros(3)
 
@@ -55,14 +56,22 @@ class Drag:
         check.indices("drag: select", [hold.particle for hold in self._holds], particle_count)
 
     @property
-    def memory(self) -> list[Any] | None:
-        """What it knows of the particle in hand, for a checkpoint: which hold, and where it was selected."""
-        return None if self._now is None else [self._holds.index(self._now), self._selected_at.tolist()]
+    def memory(self) -> dict[str, Any]:
+        """For a checkpoint: the script, and of the particle in hand which hold it is and where it was selected."""
+        now = None if self._now is None else [self._holds.index(self._now), self._selected_at.tolist()]
+        return {"script": self._script, "now": now}
 
-    def resume(self, memory: list[Any] | None, sim: Simulation) -> Simulation:
-        """Go on from a checkpoint of the simulation, which holds the particle already."""
-        if memory is not None:
-            self._now, self._selected_at = self._holds[memory[0]], np.array(memory[1])
+    def resume(self, memory: dict[str, Any], sim: Simulation) -> Simulation:
+        """Go on from a checkpoint of the simulation, which holds the particle already.
+
+        Raises:
+            InputError: the checkpoint is of another script.
+        """
+        if not isinstance(memory, dict) or memory.get("script") != self._script:
+            raise InputError("the checkpoint was left under another drag: start from the beginning, or with that one")
+        if memory["now"] is not None:
+            hold, selected_at = memory["now"]
+            self._now, self._selected_at = self._holds[hold], np.array(selected_at)
         return sim
 
     def advance(self, sim: Simulation) -> Simulation:
@@ -77,7 +86,8 @@ class Drag:
             if hold.start <= now < hold.end and hold is not self._now:
                 hand.select(hold.particle)
                 self._now = hold
-                self._selected_at = sim.state.x[hold.particle : hold.particle + 1].numpy()[0]
+                # A copy: on the CPU what comes from the device is the live state itself.
+                self._selected_at = sim.state.x[hold.particle : hold.particle + 1].numpy()[0].astype(np.float64)
         if self._now:
             hand.move(self._now.target((sim.frame + 1) * sim.dt, self._selected_at))
         return sim

@@ -72,6 +72,8 @@ class Checkpoints:
     def __post_init__(self) -> None:
         check.whole("every", self.every, low=1)
         check.folder(self.path.parent)
+        if self.path.is_dir():
+            raise InputError(f"checkpoint {self.path} is a folder; name a file in it")
 
 
 @dataclass
@@ -214,6 +216,8 @@ def make_frames(
     """
     made_by = provenance(scene, sim.model)
     checkpoints = hooks.checkpoints
+    if checkpoints and checkpoints.path.absolute() == out.absolute():
+        raise InputError(f"checkpoint and output are the same file {out}: name another")
     for caution in sim.check():
         hooks.on_caution(caution)
     now = measure(sim)
@@ -221,6 +225,8 @@ def make_frames(
     compile_seconds = sim.compile_seconds
     if checkpoints and checkpoints.resume:
         extra = extra_of(checkpoints.path)
+        if not {"leader", "progress"} <= extra.keys():
+            raise InputError(f"checkpoint {checkpoints.path} was not left by a run: go on from it with Simulation.load")
         sim = leader.resume(extra["leader"], sim)
         restore(sim, checkpoints.path)
         progress = _Progress(**extra["progress"])

@@ -165,7 +165,9 @@ class Simulation:
             return
         if self._recovery is None or not self._recovery.retry():
             tried = f"; tried without success: {self._recovery.tried}" if self._recovery else ""
-            raise SimulationFailed(describe(self, failure) + tried)
+            error = SimulationFailed(describe(self, failure) + tried)
+            self.watch.restart()  # the next frame, of a state that was put right, is judged by itself
+            raise error
         self.retried += 1
 
     def reset(self) -> None:
@@ -370,6 +372,7 @@ class Simulation:
         if self.contacts:
             needed = int(self.contacts.needed.numpy()[0])
             if needed:
+                self.contacts.needed.zero_()
                 raise SimulationFailed(
                     f"frame {self.frame} (t = {self.time:.6g} s): {needed} contacts, but there is room for "
                     f"{self.contacts.capacity}; give Simulation or Scene max_contacts={2 * needed} or more"

@@ -51,6 +51,11 @@ class Take:
             self.events.pop()
         self.events.append((frame, what, value))
 
+    def events_as_json(self) -> list[list[Any]]:
+        """The events as they come back from a file."""
+        events = [[frame, what, value.to_json() if what == CHANGE else value] for frame, what, value in self.events]
+        return json.loads(json.dumps(events))
+
     def save(self, path: Path) -> None:
         """Write it as JSON, whole or not at all.
 
@@ -58,9 +63,8 @@ class Take:
             SimulationFailed: it could not be written.
         """
         header = {**vars(self), "settings": self.settings.to_json()}
-        events = [(frame, what, value.to_json() if what == CHANGE else value) for frame, what, value in self.events]
         # An event a line, so that the file can be read and compared.
-        lines = ",\n  ".join(json.dumps(event) for event in events)
+        lines = ",\n  ".join(json.dumps(event) for event in self.events_as_json())
         text = json.dumps({**header, "events": []}, indent=1).replace('"events": []', f'"events": [\n  {lines}\n ]')
         with replacing(path, path.with_name(f".{path.name}.{os.getpid()}")) as temporary:
             temporary.write_text(text + "\n")
@@ -152,14 +156,20 @@ class Replay:
         return sim
 
     @property
-    def memory(self) -> int:
-        """How many events are done, for a checkpoint."""
-        return self._next
+    def memory(self) -> dict[str, Any]:
+        """For a checkpoint: the events, and how many of them are done."""
+        return {"events": self._take.events_as_json(), "next": self._next}
 
-    def resume(self, memory: int, sim: Simulation) -> Simulation:
-        """Go on from a checkpoint, with the settings in force there."""
-        self._next = memory
-        changes = [value for _, what, value in self._take.events[:memory] if what == CHANGE]
+    def resume(self, memory: dict[str, Any], sim: Simulation) -> Simulation:
+        """Go on from a checkpoint, with the settings in force there.
+
+        Raises:
+            InputError: the checkpoint is of another recording.
+        """
+        if not isinstance(memory, dict) or memory.get("events") != self._take.events_as_json():
+            raise InputError("the checkpoint was left under other drags: start from the beginning, or with those")
+        self._next = memory["next"]
+        changes = [value for _, what, value in self._take.events[: self._next] if what == CHANGE]
         if changes:
             sim = changes[-1].simulation(self._scene, self._model)
         self._hand = Hand(sim)

@@ -195,3 +195,43 @@ def test_a_failed_write_leaves_the_older_file(tmp_path, monkeypatch):
 def test_a_missing_folder_is_bad_input(tmp_path):
     with pytest.raises(pbd.InputError, match="does not exist"):
         pbd.Simulation(rope_model()).save(tmp_path / "there" / "c.npz")
+
+
+@pytest.mark.parametrize("spoil", ["setting", "limit", "method", "missing", "members"])
+def test_a_file_of_another_pbd_warp_is_refused(tmp_path, spoil):
+    path = tmp_path / "c.npz"
+    pbd.Simulation(rope_model()).save(path)
+    with np.load(path) as archive:
+        members = dict(archive)
+    header = json.loads(members["header"].tobytes())
+    if spoil == "setting":
+        header["settings"]["viscosity"] = 1.0
+    elif spoil == "limit":
+        header["settings"]["limits"]["speed"] = 1.0
+    elif spoil == "method":
+        header["settings"]["method"]["omega"] = 1.0
+    elif spoil == "missing":
+        del header["settings"]["damping"]
+    else:
+        del members["model/colliders.kind"]
+    members["header"] = np.frombuffer(json.dumps(header).encode(), np.uint8)
+    np.savez(path, **members)
+    with pytest.raises(pbd.InputError, match=r"does not fit this pbd-warp|no whole checkpoint"):
+        pbd.Simulation.load(path)
+
+
+def test_no_damage_ends_in_a_traceback(tmp_path):
+    """Every byte of the archive's own tables, at its end, flipped."""
+    path = tmp_path / "c.npz"
+    pbd.Simulation(rope_model(2)).save(path)
+    whole = path.read_bytes()
+    refused = 0
+    for place in range(len(whole) - 900, len(whole), 3):
+        damaged = bytearray(whole)
+        damaged[place] ^= 0xFF
+        path.write_bytes(damaged)
+        try:
+            pbd.Simulation.load(path)
+        except pbd.InputError:
+            refused += 1
+    assert refused > 100

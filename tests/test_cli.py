@@ -208,11 +208,12 @@ def test_a_killed_run_goes_on_and_ends_as_if_it_never_was(tmp_path):
         assert stats[key] == expected[key], key
 
 
-def test_a_resumed_run_remembers_the_hand(tmp_path):
-    """The checkpoint of frame 100 lies between two moves of the drag of "point", at 1.67 s."""
-    run = ["run", "point", "--substeps", "4"]
-    kept = [*run, "--out", "r.usda", "--checkpoint", "c.npz", "--every", "70"]
-    for arguments in ([*run, "--out", "w.usda", "--frames", 150], [*kept, "--frames", 100]):
+@pytest.mark.parametrize("every", [110, 65], ids=["between two moves", "before the first move"])
+def test_a_resumed_run_remembers_the_hand(tmp_path, every):
+    """Of "collision", whose hand takes a disc at 1 s, and moves it for the first time until 1.6 s."""
+    run = ["run", "collision", "--substeps", "2"]
+    kept = [*run, "--out", "r.usda", "--checkpoint", "c.npz", "--every", every]
+    for arguments in ([*run, "--out", "w.usda", "--frames", 150], [*kept, "--frames", every + 5]):
         assert call(*arguments, cwd=tmp_path).returncode == 0
     assert pbd.Simulation.load(tmp_path / "c.npz").held is not None
     assert call(*kept, "--frames", 150, "--resume", cwd=tmp_path).returncode == 0
@@ -226,6 +227,8 @@ def test_a_resumed_run_remembers_the_hand(tmp_path):
         (["--resume", "--checkpoint", "none.npz"], "there is no checkpoint none.npz"),
         (["--checkpoint", "c.npz", "--every", "0"], "every must be at least 1, not 0"),
         (["--checkpoint", "nowhere/c.npz"], "nowhere does not exist"),
+        (["--checkpoint", "."], "checkpoint . is a folder"),
+        (["--checkpoint", "rope.usda"], "checkpoint and output are the same file rope.usda"),
         (["--on-failure", "pray"], "unknown on_failure 'pray'"),
     ],
 )
@@ -242,3 +245,25 @@ def test_what_is_known_to_fail_is_said_before_the_run(tmp_path):
     assert result.returncode == 0
     assert "pbd-warp: known to fail: a step of 0.0167 s is long for links of 0.0204 m" in result.stderr
     assert "(test: step)" in result.stderr
+
+
+def test_a_checkpoint_of_another_drag_or_of_no_run_is_refused(tmp_path):
+    scene = (
+        "import pbd_warp as pbd\n"
+        "def scene(hand: int = 1):\n"
+        "    builder = pbd.ModelBuilder()\n"
+        "    builder.add_rope([(0, 0, 0), (1, 0, 0), (2, 0, 0)], pinned=())\n"
+        "    drag = [(0.0, 'select', hand), (1.0, 'move', (0, 1, 0))] if hand >= 0 else []\n"
+        "    return pbd.Scene(builder, drag=drag)\n"
+    )
+    (tmp_path / "s.py").write_text(scene)
+    kept = ["run", "s.py", "--checkpoint", "c.npz", "--every", 5]
+    assert call(*kept, "--frames", 8, cwd=tmp_path).returncode == 0
+    for hand in (2, -1):
+        result = call(*kept, "--frames", 12, "--resume", "--set", f"hand={hand}", cwd=tmp_path)
+        assert result.returncode == 2
+        assert "was left under another drag" in last_line(result.stderr)
+    pbd.Simulation.load(tmp_path / "c.npz").save(tmp_path / "c.npz")
+    result = call(*kept, "--frames", 12, "--resume", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "was not left by a run" in last_line(result.stderr)

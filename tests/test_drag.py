@@ -98,3 +98,14 @@ def test_select_takes_over_from_another_select():
 def test_bad_scripts(gestures, message):
     with pytest.raises(pbd.InputError, match=message):
         pbd.Drag(gestures)
+
+
+def test_from_selection_to_the_first_move_the_way_is_straight_and_even():
+    builder = pbd.ModelBuilder(gravity=(0, 0, 0))
+    builder.add_particle((0, 0, 0))
+    sim = pbd.Simulation(builder.finalize(dtype="float64"), dt=0.1)
+    drag = pbd.Drag([(0.0, "select", 0), (1.0, "move", (1.0, 0.5, 0.0))])
+    for frame in range(1, 11):
+        drag.advance(sim)
+        sim.step()
+        np.testing.assert_allclose(sim.state.x.numpy()[0], (0.1 * frame, 0.05 * frame, 0.0), atol=1e-12)

@@ -54,7 +54,8 @@ class BoundDistances:
         self.edge = sim.upload(f"{name}.edge", constraints.edge, wp.vec2i)
         self.rest_length = sim.upload(f"{name}.rest_length", constraints.rest_length)
         self.parameters = Parameters(sim, name, constraints.stiffness, constraints.compliance, sim.real)
-        self.recovering = Recovering(sim, name, self.edge, self.rest_length)
+        soft = (constraints.compliance > 0.0) | (constraints.stiffness < 1.0)
+        self.recovering = Recovering(sim, name, self.edge, self.rest_length, soft)
 
     def begin(self) -> None:
         self.parameters.begin()
@@ -77,13 +78,14 @@ class BoundDistances:
 
 class Recovering:
     """The lengths that a step asks for: the rest lengths, or, with a depenetration speed, as far towards them as that
-    allows."""
+    allows. Not of soft distances, bool [edge_count]: what they are off is their force."""
 
-    def __init__(self, sim: Simulation, name: str, edge: wp.array, rest_length: wp.array):
+    def __init__(self, sim: Simulation, name: str, edge: wp.array, rest_length: wp.array, soft: np.ndarray):
         self._sim = sim
         self._edge, self._rest_length = edge, rest_length
         self.rest_now = rest_length
         if sim.depenetration_speed is not None:
+            self._soft = sim.upload(f"{name}.soft", soft, wp.int32)
             self.rest_now = sim.allocate(f"{name}.rest_now", len(edge), sim.real)
 
     def begin(self) -> None:
@@ -91,5 +93,7 @@ class Recovering:
         if sim.depenetration_speed is not None:
             recovery = sim.depenetration_speed * abs(sim.stage_dt)
             sim.launch(
-                limit_recovery, len(self._edge), self._edge, self._rest_length, sim.state.x, recovery, self.rest_now
+                limit_recovery,
+                len(self._edge),
+                *(self._edge, self._rest_length, self._soft, sim.state.x, recovery, self.rest_now),
             )

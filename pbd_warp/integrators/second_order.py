@@ -13,11 +13,13 @@ if TYPE_CHECKING:
 
 
 def refuse_what_spoils_the_order(name: str, sim: Simulation) -> None:
-    """Contacts and damping change velocities by jumps, and stiffness depends on the step: all are of first order."""
+    """Contacts and damping change velocities by jumps, and stiffness and recovery depend on the step: all are of first
+    order."""
     model = sim.model
     spoilers = {
         "contacts and colliders": model.contacts is not None or len(model.colliders.kind) > 0,
         "damping": sim.damping > 0.0,
+        "a depenetration speed": sim.depenetration_speed is not None,
         "stiffness below 1": bool(np.any(model.distance.stiffness < 1.0) or np.any(model.point.stiffness < 1.0)),
     }
     for spoiler, there in spoilers.items():

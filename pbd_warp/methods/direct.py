@@ -78,7 +78,8 @@ class DirectSolver:
         self._vertex = sim.upload("direct.vertex", vertex, wp.int32)
         rest_length = sim.upload("direct.rest_length", _spread(edges.rest_length, link, 1.0))
         along = np.stack([vertex, np.where(link >= 0, np.append(vertex[1:], -1), vertex)], axis=1)
-        self._recovering = Recovering(sim, "direct", sim.upload("direct.edge", along, wp.vec2i), rest_length)
+        soft = _spread(edges.compliance, link, 0.0) > 0.0
+        self._recovering = Recovering(sim, "direct", sim.upload("direct.edge", along, wp.vec2i), rest_length, soft)
         self._compliance = self._point = self._target = self._point_compliance = None
         if np.any(edges.compliance > 0.0):
             self._compliance = sim.upload("direct.compliance", _spread(edges.compliance, link, 0.0))
