@@ -41,7 +41,7 @@ class Camera:
             raise InputError("camera: up must not point along forward")
         self.right = _unit("camera: right", right)
         self.up = np.cross(self.right, self.forward)
-        angle = check.number("camera: field_of_view", field_of_view, above=0.0)
+        angle = check.number("camera: field_of_view", field_of_view, low=1e-3)
         if angle >= 3.1:
             raise InputError(f"camera: field_of_view must be in (0, 3.1), not {angle:g}")
         self.size = _pair("camera: size", size, LARGEST_SCREEN)

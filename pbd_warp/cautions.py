@@ -182,7 +182,7 @@ def _precision(sim: Simulation, now: _Now) -> Iterator[Caution]:
 
 
 def _unreachable(sim: Simulation, now: _Now) -> Iterator[Caution]:
-    """Two ends held further apart than the rope between them is long."""
+    """Two ends held further apart than the rope between them, with particles that move, is long."""
     model = sim.model
     if not isinstance(sim.method, Direct):
         return
@@ -200,7 +200,7 @@ def _unreachable(sim: Simulation, now: _Now) -> Iterator[Caution]:
         held = begin + np.flatnonzero(locked[vertex[begin:end]])
         for a, b in pairwise(held):
             apart, rope = float(np.linalg.norm(x[vertex[a]] - x[vertex[b]])), float(length[a:b].sum())
-            if apart > 0.0 and not soft[a:b].any():
+            if b > a + 1 and apart > 0.0 and not soft[a:b].any():
                 text = f"particles {vertex[a]} and {vertex[b]} are held {apart:.4g} m apart, on a rope of {rope:.4g} m"
                 # Held straight it carries nothing: where there is weight that is as bad as too far.
                 most = rope * (1.0 - ROUND_OFF if np.any(model.gravity) else 1.0 + ROUND_OFF)

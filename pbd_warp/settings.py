@@ -9,6 +9,7 @@ from typing import Any
 from pbd_warp import check
 from pbd_warp.constraints.parameters import check_parameters
 from pbd_warp.errors import InputError, unknown
+from pbd_warp.integrators import INTEGRATORS
 from pbd_warp.methods import METHODS, Direct, Method
 from pbd_warp.model import Model
 from pbd_warp.run import make_simulation
@@ -104,13 +105,19 @@ class Settings:
             raise InputError(f"settings must have {', '.join(names)}")
         options = dict(data["method"]) if isinstance(data["method"], Mapping) else {}
         name = options.pop("name", None)
-        if name not in METHODS:
+        if not isinstance(name, str) or name not in METHODS:
             raise unknown("method", name, METHODS)
+        integrator = data["integrator"]
+        if not isinstance(integrator, str) or integrator not in INTEGRATORS:
+            raise unknown("integrator", integrator, INTEGRATORS)
+        substeps = check.whole("substeps", data["substeps"], low=1)
         try:
             method = METHODS[name](**options)
         except TypeError:
             raise InputError(f"method {name!r} does not take {', '.join(options)}") from None
-        stiffness = None if data["stiffness"] is None else check.number("stiffness", data["stiffness"])
+        stiffness = None
+        if data["stiffness"] is not None:
+            stiffness = check.number("stiffness", data["stiffness"], low=0.0, high=1.0)
         x, y, z = check.vector("gravity", data["gravity"]).tolist()
-        damping = check.number("damping", data["damping"])
-        return cls(method, data["integrator"], data["substeps"], damping, stiffness, (x, y, z))
+        damping = check.number("damping", data["damping"], low=0.0, high=1.0)
+        return cls(method, integrator, substeps, damping, stiffness, (x, y, z))

@@ -111,7 +111,7 @@ class Take:
         """Do it again.
 
         Raises:
-            InputError: the model is not the one that this is a take of.
+            InputError: the model is not the one that this is a take of, or settings of it make no simulation.
         """
         now = summary(model)
         same = now.keys() == self.model.keys() and all(
@@ -121,6 +121,14 @@ class Take:
             raise InputError(f"scene {scene.name} is not what it was when the drags were recorded: record them anew")
         selected = [value for _, what, value in self.events if what == "select"]
         check.indices("drags: select", selected, model.particle_count)
+        tried: list[Settings] = []
+        for number, (_, what, value) in enumerate(self.events):
+            if what == CHANGE and value not in tried:
+                tried.append(value)
+                try:
+                    value.simulation(scene, model)
+                except InputError as error:
+                    raise InputError(f"drags: event {number}: {error}") from None
         return Replay(self, scene, model)
 
 
@@ -198,10 +206,12 @@ def _checked(data: dict[str, Any]) -> dict[str, Any]:
     for name in ("scene", "dtype"):
         if not isinstance(data[name], str):
             raise InputError(f"{name} must be a text")
-    for name, kind in (("scene_settings", str), ("model", (int, float))):
-        table = data[name]
-        if not isinstance(table, Mapping) or not all(isinstance(value, kind) for value in table.values()):
-            raise InputError(f"{name} must be a table of {'texts' if kind is str else 'numbers'}")
+    texts, numbers = data["scene_settings"], data["model"]
+    if not isinstance(texts, Mapping) or not all(isinstance(value, str) for value in texts.values()):
+        raise InputError("scene_settings must be a table of texts")
+    if not isinstance(numbers, Mapping):
+        raise InputError("model must be a table of numbers")
+    data["model"] = {key: check.number(f"model: {key}", value) for key, value in numbers.items()}
     if data["seed"] is not None:
         check.whole("seed", data["seed"], low=0)
     data["fps"] = check.number("fps", data["fps"], above=0.0)

@@ -364,6 +364,12 @@ def test_what_is_known_to_fail_is_said_and_its_cure_is_not(name):
     assert name not in named_by(CURED[name]())
 
 
+def test_a_link_between_two_fixed_particles_is_no_caution():
+    builder = pbd.ModelBuilder()
+    builder.add_rope(np.linspace([0, 0, 0], [1, 0, 0], 5), pinned=(0, 1))
+    assert pbd.Simulation(builder.finalize(), method=pbd.Direct()).check() == []
+
+
 @pytest.mark.parametrize("spokes", [3, 5, 8, 16])
 @pytest.mark.parametrize("averaging", ["none", "valence", "mass-splitting"])
 def test_the_power_iteration_finds_the_largest_eigenvalue(spokes, averaging):

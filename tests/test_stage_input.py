@@ -43,6 +43,14 @@ def time_that_goes_back(stage, curves):
     stage.SetEndTimeCode(-1.0)
 
 
+def time_without_end(stage, curves):
+    stage.SetEndTimeCode(1e12)
+
+
+def sideways(stage, curves):
+    stage.SetMetadata("upAxis", "X")
+
+
 def no_curves(stage, curves):
     stage.RemovePrim(curves.GetPath())
 
@@ -186,6 +194,14 @@ def growing_sphere(stage, curves):
     radius.Set(2.0, 10)
 
 
+def odd_plane(stage, curves):
+    UsdGeom.Plane.Define(stage, "/World/Set/Floor").CreateAxisAttr("Q")
+
+
+def blocked_sphere(stage, curves):
+    UsdGeom.Sphere.Define(stage, "/World/Set/Ball").CreateRadiusAttr().Block()
+
+
 def rough_plane(stage, curves):
     plane = UsdGeom.Plane.Define(stage, "/World/Set/Floor")
     plane.GetPrim().CreateAttribute("pbd:friction", Sdf.ValueTypeNames.Float).Set(-1.0)
@@ -197,6 +213,11 @@ def rough_plane(stage, curves):
         (no_metres, [], "metersPerUnit of a.usda must be a finite number above 0, not 0"),
         (time_that_stands, [], "timeCodesPerSecond must be a finite number above 0"),
         (time_that_goes_back, [], "endTimeCode must be a finite number of at least 0, not -1"),
+        (time_without_end, [], "frames are more than 1000000: give the number of them with --frames"),
+        (None, ["--frames", "1000000000000"], "1000000000000 frames are more than 1000000"),
+        (sideways, [], "a.usda: upAxis must be Y or Z, not 'X'"),
+        (odd_plane, ["--collide", "/World/Set"], "/World/Set/Floor has no axis that makes it a collider, but 'Q'"),
+        (blocked_sphere, ["--collide", "/World/Set"], "/World/Set/Ball has no radius that makes it a collider"),
         (no_curves, [], "the stage has no BasisCurves"),
         (empty_curves, [], "/World/C: it has no curves"),
         (nan_points, [], "/World/C: points at time code 0 must be finite, but number 3 is (0.6, nan, 0)"),

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -406,6 +407,30 @@ def test_what_is_no_take_is_refused(text, tmp_path):
     path.write_text(text)
     with pytest.raises(pbd.InputError, match="is no recording of drags"):
         Take.load(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"integrator": "midpoint", "damping": 0.5}, "event 0: integrator 'midpoint' does not model damping"),
+        ({"integrator": "zzz"}, "unknown integrator 'zzz'"),
+        ({"integrator": []}, "unknown integrator"),
+        ({"substeps": -1}, "substeps must be at least 1"),
+        ({"stiffness": 5}, "stiffness must be"),
+        ({"method": {"name": []}}, "unknown method"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused_before_the_first_frame(changes, message, tmp_path):
+    session = open_scene("rope")
+    change(session, substeps=7)
+    session.save(tmp_path / "t.json")
+    text = json.loads((tmp_path / "t.json").read_text())
+    text["events"][0][2].update(changes)
+    (tmp_path / "t.json").write_text(json.dumps(text))
+    scene = pbd.load_scene("rope")
+    with pytest.raises(pbd.InputError, match=re.escape(message)):
+        run(scene, tmp_path / "x.usda", take=Take.load(tmp_path / "t.json"))
+    assert [path.name for path in tmp_path.iterdir()] == ["t.json"]
 
 
 def test_a_take_of_another_scene_is_refused():

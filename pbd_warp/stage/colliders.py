@@ -43,15 +43,18 @@ def add_collider(builder: ModelBuilder, prim: Usd.Prim, time_codes: np.ndarray, 
     if moves or shape.ValueMightBeTimeVarying():
         raise InputError(f"{path} changes with time, which is not supported for a collider: leave it out of --collide")
     options = {name: attribute(prim, name) or 0.0 for name in ("friction", "restitution")}
+    value = shape.Get()
+    if value is None or (plane and value not in AXES):
+        raise InputError(f"{path} has no {shape.GetName()} that makes it a collider, but {value!r}")
     try:
         if plane:
             # A normal goes the way of areas, which is that of points only without shear and uneven scale.
-            normal = np.linalg.inv(linear)[:, AXES[shape.Get()]]
+            normal = np.linalg.inv(linear)[:, AXES[value]]
             builder.add_plane(offset - origin, normal, **options)
         else:
             scales = np.linalg.svd(linear, compute_uv=False)
             if scales[0] - scales[-1] > UNEVEN * scales[0]:
                 raise InputError("it is not scaled evenly, so it is no sphere, and not supported as a collider")
-            builder.add_sphere(offset - origin, shape.Get() * scales[0], **options)
+            builder.add_sphere(offset - origin, value * scales[0], **options)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

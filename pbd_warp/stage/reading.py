@@ -100,6 +100,10 @@ def _prototypes(stage: Usd.Stage) -> list:
     return [target for instancer in instancers for target in instancer.GetPrototypesRel().GetForwardedTargets()]
 
 
+MOST_FRAMES = 1_000_000
+"""Four and a half hours at 60 a second: a longer range is a mistake of whoever wrote the stage."""
+
+
 @dataclass(frozen=True)
 class Timeline:
     """The frames: their number, how many there are a second, and the time codes of the stage at which they are."""
@@ -136,7 +140,10 @@ def timeline(stage: Usd.Stage, frames: int | None = None, fps: float | None = No
         # A range ends on a frame; rounding must not lose it.
         seconds = (end - start) / codes if stage.HasAuthoredTimeCodeRange() else SECONDS
         frames = int(np.floor(seconds * rate + 1e-6)) + 1
-    return Timeline(check.whole("frames", frames, low=1), rate, start, codes)
+    frames = check.whole("frames", frames, low=1)
+    if frames > MOST_FRAMES:
+        raise InputError(f"{frames} frames are more than {MOST_FRAMES}: give the number of them with --frames")
+    return Timeline(frames, rate, start, codes)
 
 
 class Placement:

@@ -81,7 +81,10 @@ def load_stage(
     codes = time.time_codes
     curves = [Curves(prim, codes, (material or Material()).of(prim)) for prim in find_curves(stage, prims)]
     origin = np.concatenate([each.x for each in curves]).mean(axis=0)
-    up = UsdGeom.GetStageUpAxis(stage) == UsdGeom.Tokens.y
+    axis = UsdGeom.GetStageUpAxis(stage)
+    if axis not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
+        raise InputError(f"{path}: upAxis must be Y or Z, not {axis!r}")
+    up = axis == UsdGeom.Tokens.y
     builder = ModelBuilder(-check.number("gravity", gravity) * (np.eye(3)[1] if up else np.eye(3)[2]))
     for each in curves:
         _add_ropes(builder, each, origin, where, dtype)

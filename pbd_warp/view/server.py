@@ -290,13 +290,14 @@ class ViewServer:
                 page.seen = message.count
                 page.wake.set()
             return None
-        who, last = self._waiting[-1] if self._waiting else (0, None)
-        if who == page.number and type(last) is type(message):
+        mine = [k for k, (who, _) in enumerate(self._waiting) if who == page.number]
+        last = self._waiting[mine[-1]][1] if mine else None
+        if type(last) is type(message):
             if isinstance(message, say.Change) and isinstance(last, say.Change):
                 message = say.Change({**last.changes, **message.changes})
             if isinstance(message, _LAST_COUNTS):
-                self._waiting.pop()
-        if len(self._waiting) >= MOST_WAITING:
+                del self._waiting[mine.pop()]
+        if len(mine) >= MOST_WAITING:
             return "too much asked for at once"
         self._waiting.append((page.number, message))
         if not isinstance(message, say.Move):
@@ -354,7 +355,7 @@ class ViewServer:
     def _is_ours(self, host: str) -> bool:
         """Whether a Host header names this server. A page of another name (DNS rebinding) is none of ours."""
         name, colon, port = host.rpartition(":")
-        if not colon or not port.isdigit():
+        if not colon or not (port.isascii() and port.isdigit() and len(port) <= 5):
             name, port = host, "80"
         if int(port) != self.port:
             return False
