@@ -18,16 +18,16 @@ from typing import Any
 import numpy as np
 
 from pbd_warp import check
-from pbd_warp.builder import DTYPES, find_device
-from pbd_warp.constraints.distance import DistanceSet
-from pbd_warp.constraints.point import PointSet
-from pbd_warp.durable import replacing
+from pbd_warp.atomic import replacing
 from pbd_warp.errors import InputError
-from pbd_warp.methods import METHODS
-from pbd_warp.model import Colliders, Contacts, Model
+from pbd_warp.model.builder import DTYPES, find_device
+from pbd_warp.model.model import Colliders, Contacts, Model
 from pbd_warp.simulation import Simulation
+from pbd_warp.step.constraints.distance import DistanceSet
+from pbd_warp.step.constraints.point import PointSet
+from pbd_warp.step.divergence import Limits
+from pbd_warp.step.methods import METHODS
 from pbd_warp.version import __version__
-from pbd_warp.watch import Limits
 
 FORMAT = "pbd-warp checkpoint"
 VERSION = 1

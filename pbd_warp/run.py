@@ -15,18 +15,18 @@ import warp as wp
 
 import pbd_warp
 from pbd_warp import check
-from pbd_warp.cautions import Caution
 from pbd_warp.checkpoint import extra_of, restore, save
-from pbd_warp.drag import Drag
 from pbd_warp.errors import InputError, Interrupted, SimulationFailed
+from pbd_warp.grab.drag import Drag
 from pbd_warp.measure import measure
-from pbd_warp.model import Model, State
+from pbd_warp.model.model import Model, State
+from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
-from pbd_warp.usd import UsdWriter
+from pbd_warp.usd.writer import UsdWriter
 
 if TYPE_CHECKING:
-    from pbd_warp.take import Replay, Take
+    from pbd_warp.grab.recording import Recording, Replay
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def make_simulation(scene: Scene, model: Model) -> Simulation:
     )
 
 
-class Leader(Protocol):
+class Controller(Protocol):
     """Moves particles between frames: a drag, a recording, what a stage's pinned points follow."""
 
     @property
@@ -149,12 +149,12 @@ class Hooks:
     """What a run tells while it goes on, and where it leaves checkpoints.
 
     on_frame: Called after each frame with how many are written. A KeyboardInterrupt from it ends the run.
-    on_caution: Called before the first step with each thing that is known to fail (`Simulation.check`).
+    on_warning: Called before the first step with each thing that is known to fail (`Simulation.check`).
     checkpoints: A resumed run ends with the same file as one that never stopped. None: none are left.
     """
 
     on_frame: Callable[[int], object] = lambda frame: None
-    on_caution: Callable[[Caution], object] = lambda caution: None
+    on_warning: Callable[[PreflightWarning], object] = lambda caution: None
     checkpoints: Checkpoints | None = None
 
 
@@ -164,12 +164,12 @@ def run(
     device: str | None = None,
     dtype: str = "float32",
     hooks: Hooks = Hooks(),
-    take: Take | None = None,
+    recording: Recording | None = None,
 ) -> RunStats:
     """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
 
     Args:
-        take: A recording to be done again, with its settings, instead of the scene's drag.
+        recording: A recording to be done again, with its settings, instead of the scene's drag.
 
     Raises:
         InputError: before anything is simulated or written.
@@ -177,19 +177,19 @@ def run(
     """
     check.whole("frames", scene.frames, low=1)
     model = scene.builder.finalize(device=device, dtype=dtype)
-    leader: Drag | Replay
-    if take is None:
-        leader = Drag(scene.drag)
-        leader.check_particles(model.particle_count)
+    controller: Drag | Replay
+    if recording is None:
+        controller = Drag(scene.drag)
+        controller.check_particles(model.particle_count)
         sim = make_simulation(scene, model)
     else:
-        leader = take.replay(scene, model)
-        sim = leader.begin()
+        controller = recording.replay(scene, model)
+        sim = controller.begin()
 
     def open_writer(resume: int | None) -> UsdWriter:
         return UsdWriter(out, model, scene.fps, provenance(scene, model), resume)
 
-    return make_frames(scene, sim, leader, open_writer, out, hooks)
+    return make_frames(scene, sim, controller, open_writer, out, hooks)
 
 
 def provenance(scene: Scene, model: Model) -> dict[str, Any]:
@@ -207,7 +207,12 @@ def provenance(scene: Scene, model: Model) -> dict[str, Any]:
 
 
 def make_frames(
-    scene: Scene, sim: Simulation, leader: Leader, open_writer: Callable[[int | None], Writer], out: Path, hooks: Hooks
+    scene: Scene,
+    sim: Simulation,
+    controller: Controller,
+    open_writer: Callable[[int | None], Writer],
+    out: Path,
+    hooks: Hooks,
 ) -> RunStats:
     """All frames of a scene: lead, step, write.
 
@@ -219,15 +224,15 @@ def make_frames(
     if checkpoints and checkpoints.path.absolute() == out.absolute():
         raise InputError(f"checkpoint and output are the same file {out}: name another")
     for caution in sim.check():
-        hooks.on_caution(caution)
+        hooks.on_warning(caution)
     now = measure(sim)
     progress = _Progress(0, now.energy, now.energy, now.max_stretch, now.residual, sim.unconverged)
     compile_seconds = sim.compile_seconds
     if checkpoints and checkpoints.resume:
         extra = extra_of(checkpoints.path)
-        if not {"leader", "progress"} <= extra.keys():
+        if not {"controller", "progress"} <= extra.keys():
             raise InputError(f"checkpoint {checkpoints.path} was not left by a run: go on from it with Simulation.load")
-        sim = leader.resume(extra["leader"], sim)
+        sim = controller.resume(extra["controller"], sim)
         restore(sim, checkpoints.path)
         progress = _Progress(**extra["progress"])
         if progress.frames >= scene.frames:
@@ -235,10 +240,10 @@ def make_frames(
                 f"checkpoint {checkpoints.path} is of frame {progress.frames}, and {scene.frames} were asked for"
             )
     writer = open_writer(progress.frames or None)
-    with say_what_is_kept(writer), writer:
+    with report_saved_frames(writer), writer:
         for frame in range(progress.frames, scene.frames):
             if frame > 0:
-                sim = leader.advance(sim)
+                sim = controller.advance(sim)
                 start = time.perf_counter()
                 sim.step()
                 wp.synchronize_device(sim.model.device)
@@ -248,7 +253,7 @@ def make_frames(
             hooks.on_frame(progress.frames)
             if checkpoints and progress.frames % checkpoints.every == 0 and progress.frames < scene.frames:
                 writer.flush()  # first, so that the file has every frame up to the checkpoint
-                save(sim, checkpoints.path, {"leader": leader.memory, "progress": vars(progress)})
+                save(sim, checkpoints.path, {"controller": controller.memory, "progress": vars(progress)})
     made_by.pop("version")
     return RunStats(
         **made_by,
@@ -268,7 +273,7 @@ def make_frames(
 
 
 @contextmanager
-def say_what_is_kept(writer: Writer) -> Iterator[None]:
+def report_saved_frames(writer: Writer) -> Iterator[None]:
     """Adds to the error that ends a run early where the frames so far are."""
     try:
         yield

@@ -17,10 +17,10 @@ import numpy as np
 
 import pbd_warp.scenes
 from pbd_warp import check
-from pbd_warp.builder import ModelBuilder
 from pbd_warp.errors import InputError, unknown
-from pbd_warp.methods import Jacobi, Method
-from pbd_warp.watch import Limits
+from pbd_warp.model.builder import ModelBuilder
+from pbd_warp.step.divergence import Limits
+from pbd_warp.step.methods import Jacobi, Method
 
 
 @dataclass
@@ -61,9 +61,9 @@ def scene_summary(name: str) -> str:
 
 
 def references() -> ModuleType:
-    """pbd_warp.references, for the scenes that need it; it needs SciPy."""
+    """pbd_warp.accuracy.references, for the scenes that need it; it needs SciPy."""
     try:
-        return importlib.import_module("pbd_warp.references")
+        return importlib.import_module("pbd_warp.accuracy.references")
     except ImportError as error:
         raise InputError(f"exact references need SciPy: pip install 'pbd-warp[chart]' ({error})") from None
 

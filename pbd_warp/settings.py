@@ -7,14 +7,14 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from pbd_warp import check
-from pbd_warp.constraints.parameters import check_parameters
 from pbd_warp.errors import InputError, unknown
-from pbd_warp.integrators import INTEGRATORS
-from pbd_warp.methods import METHODS, Direct, Method
-from pbd_warp.model import Model
+from pbd_warp.model.model import Model
 from pbd_warp.run import make_simulation
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
+from pbd_warp.step.constraints.parameters import check_parameters
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.methods import METHODS, Direct, Method
 
 
 @dataclass(frozen=True)

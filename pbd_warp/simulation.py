@@ -10,20 +10,20 @@ import numpy as np
 import warp as wp
 
 from pbd_warp import check
-from pbd_warp.cautions import Caution, cautions
-from pbd_warp.constraints.distance import BoundDistances
-from pbd_warp.constraints.point import BoundPoints
-from pbd_warp.contacts import BoundContacts
-from pbd_warp.damping import Damper
-from pbd_warp.diagnosis import Failure, describe
 from pbd_warp.errors import InputError, SimulationFailed, unknown
-from pbd_warp.integrators import INTEGRATORS, Integrator
+from pbd_warp.failure import Failure, describe
 from pbd_warp.kernels.lead import lead, stop
-from pbd_warp.launch import Launcher
-from pbd_warp.methods import Direct, Jacobi, Method
-from pbd_warp.model import Model, State
-from pbd_warp.recovery import ON_FAILURE, Recovery
-from pbd_warp.watch import NOTHING, Limits, Watch
+from pbd_warp.model.model import Model, State
+from pbd_warp.preflight import PreflightWarning, preflight
+from pbd_warp.retry import ON_FAILURE, FrameRetry
+from pbd_warp.step.constraints.contact import BoundContacts
+from pbd_warp.step.constraints.distance import BoundDistances
+from pbd_warp.step.constraints.point import BoundPoints
+from pbd_warp.step.damping import Damper
+from pbd_warp.step.divergence import NOTHING, DivergenceMonitor, Limits
+from pbd_warp.step.integrators import INTEGRATORS, Integrator
+from pbd_warp.step.launch import Launcher
+from pbd_warp.step.methods import Direct, Jacobi, Method
 
 NOBODY = -1
 
@@ -124,7 +124,7 @@ class Simulation:
         self._iteration_counts: wp.array | None = None
         self.grabbed = self.upload("grabbed", [NOBODY], wp.int32)
         self.grab_target = self.allocate("grab_target", 1, self.vec3)
-        self.watch = Watch(self, limits)
+        self.watch = DivergenceMonitor(self, limits)
         self.diverged = self.watch.diverged
 
         self._points: BoundPoints | None = None
@@ -141,7 +141,7 @@ class Simulation:
         self.solver = self.method.bind(self)
         # With contacts Newton's method is but one half of a round; no single one of them has to arrive.
         self._newton = isinstance(self.method, Direct) and not self.contacts and on_failure != "continue"
-        self._recovery = Recovery(self, on_failure) if on_failure in ("subdivide", "fallback") else None
+        self._recovery = FrameRetry(self, on_failure) if on_failure in ("subdivide", "fallback") else None
 
         self.compile_seconds = self._load_kernels()
         self._graph = self._capture() if capture else None
@@ -225,11 +225,11 @@ class Simulation:
         self.integrator.restart()
         self.solver.restart()
 
-    def check(self) -> list[Caution]:
+    def check(self) -> list[PreflightWarning]:
         """What is known to fail with these settings, worst first: each with its remedy, and with the name of its test,
         which is that of a map in the stability atlas. An estimate, from the graph and the state as they are now; an
         empty list is no promise. Reads the state back from the device."""
-        return [caution for caution in cautions(self) if caution.severity > 1.0]
+        return [caution for caution in preflight(self) if caution.severity > 1.0]
 
     @property
     def time(self) -> float:

@@ -372,7 +372,7 @@ def test_bad_usage(call, tmp_path, args, message):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.mark.parametrize("library", ["matplotlib", "pbd_warp.references"])
+@pytest.mark.parametrize("library", ["matplotlib", "pbd_warp.accuracy.references"])
 def test_what_the_maps_need_is_named_before_anything_is_made(call, tmp_path, monkeypatch, library):
     monkeypatch.setitem(sys.modules, library, None)
     code, _, err = call("small", "--out", "maps")

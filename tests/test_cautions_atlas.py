@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import pbd_warp as pbd
-from pbd_warp.cautions import cautions
+from pbd_warp.preflight import preflight
 from pbd_warp.run import make_simulation
 from pbd_warp.stability.cell import study
 from pbd_warp.stability.maps import MAPS
@@ -30,7 +30,7 @@ def test_the_estimated_stretch_is_that_of_the_atlas(name):
         iterations, substeps = (1, sweeps) if "substeps" in row["panel"] else (sweeps, 1)
         scene = replace(SCENES[name](float(row["x"])), method=method(iterations), substeps=substeps, integrator="pbd")
         sim = make_simulation(scene, scene.builder.finalize())
-        severity = max(c.severity for c in cautions(sim) if c.test in SCENES)
+        severity = max(c.severity for c in preflight(sim) if c.test in SCENES)
         fails = row["outcome"] != "converged"
         if fails == (severity > 1.0):
             right += 1

@@ -6,8 +6,8 @@ from models import state
 from solving import EPS, converged, rope_between, run
 
 import pbd_warp as pbd
-from pbd_warp import references
-from pbd_warp.methods.gauss_seidel import colours
+from pbd_warp.accuracy import references
+from pbd_warp.step.methods.gauss_seidel import colours
 
 # Compliance.
 

@@ -374,7 +374,7 @@ def test_a_link_between_two_fixed_particles_is_no_caution():
 @pytest.mark.parametrize("averaging", ["none", "valence", "mass-splitting"])
 def test_the_power_iteration_finds_the_largest_eigenvalue(spokes, averaging):
     """Of the dense matrix J W J^T over what the method divides by."""
-    from pbd_warp.spectrum import largest_eigenvalue
+    from pbd_warp.step.methods.spectrum import largest_eigenvalue
 
     model = star(spokes, "float64")
     hub = spokes if averaging == "mass-splitting" else 1.0

@@ -8,8 +8,8 @@ from models import rope_model, state
 from scipy.special import eval_laguerre
 
 import pbd_warp as pbd
-from pbd_warp import references
-from pbd_warp.integrators import INTEGRATORS
+from pbd_warp.accuracy import references
+from pbd_warp.step.integrators import INTEGRATORS
 
 EPS = {"float32": float(np.finfo(np.float32).eps), "float64": float(np.finfo(np.float64).eps)}
 G = 9.81

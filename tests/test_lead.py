@@ -5,8 +5,8 @@ import pytest
 from models import rope_model, state
 
 import pbd_warp as pbd
-from pbd_warp.integrators import INTEGRATORS
-from pbd_warp.methods import METHODS
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.methods import METHODS
 
 EPS = {"float32": 1.2e-7, "float64": 2.2e-16}
 SUBSTEPS = 5

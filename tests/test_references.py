@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.special import eval_laguerre, jn_zeros, roots_laguerre
 
-from pbd_warp import references
+from pbd_warp.accuracy import references
 
 G = 9.81
 GRAVITY = np.array([0.0, -G, 0.0])

@@ -152,7 +152,7 @@ def test_settings_of_a_scene():
 
 
 def test_without_scipy_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pbd_warp.references", None)
+    monkeypatch.setitem(sys.modules, "pbd_warp.accuracy.references", None)
     with pytest.raises(pbd.InputError, match=r"references need SciPy: pip install 'pbd-warp\[chart\]'"):
         pbd.load_scene("catenary")
 

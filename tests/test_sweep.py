@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import pbd_warp as pbd
-from pbd_warp.chart import load
+from pbd_warp.accuracy.chart import load
+from pbd_warp.accuracy.sweep import Sweep, charts_folder, sweep_scene
 from pbd_warp.cli import main
 from pbd_warp.stability.maps import MAPS
-from pbd_warp.sweep import Sweep, charts_folder, sweep_scene
 
 
 @pytest.fixture

@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 from pbd_warp import check
-from pbd_warp.chart import best_error, flags, front, load, save
-from pbd_warp.chart import pick as pick_row
+from pbd_warp.accuracy.chart import best_error, flags, front, load, save
+from pbd_warp.accuracy.chart import pick as pick_row
+from pbd_warp.accuracy.plot import check_picture, draw
+from pbd_warp.accuracy.sweep import Sweep, sweep_scene
 from pbd_warp.cli.app import app
 from pbd_warp.cli.options import Debug, Device, Fps, Seed, Set, comma_list, scene_with, whole_list
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
 from pbd_warp.errors import InputError
-from pbd_warp.picture import check_picture, draw
-from pbd_warp.sweep import Sweep, sweep_scene
 
 
 @app.command()

@@ -9,10 +9,10 @@ import typer
 
 from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
-from pbd_warp.integrators import INTEGRATORS
-from pbd_warp.methods import METHODS
-from pbd_warp.recovery import ON_FAILURE
+from pbd_warp.retry import ON_FAILURE
 from pbd_warp.scene import Scene, load_scene
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.methods import METHODS
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A scene's name, or your own file.py.")]
 Frames = Annotated[int | None, typer.Option(help="Frames to write, the initial state included.")]

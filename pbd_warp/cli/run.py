@@ -9,8 +9,9 @@ from typing import Annotated
 import typer
 
 from pbd_warp import check
-from pbd_warp.chart import Row, best_error, flags, load
-from pbd_warp.chart import pick as pick_row
+from pbd_warp.accuracy.chart import Row, best_error, flags, load
+from pbd_warp.accuracy.chart import pick as pick_row
+from pbd_warp.accuracy.sweep import charts_folder
 from pbd_warp.cli.app import app
 from pbd_warp.cli.options import (
     Checkpoint,
@@ -34,12 +35,11 @@ from pbd_warp.cli.options import (
 )  # fmt: skip
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
 from pbd_warp.errors import InputError
-from pbd_warp.methods import METHODS
+from pbd_warp.grab.recording import Recording
 from pbd_warp.run import Checkpoints, Hooks, RunStats, run
 from pbd_warp.scene import Scene
-from pbd_warp.sweep import charts_folder
-from pbd_warp.take import Take
-from pbd_warp.usd import check_path
+from pbd_warp.step.methods import METHODS
+from pbd_warp.usd.writer import check_path
 
 
 @app.command("run")
@@ -59,7 +59,8 @@ def run_scene(
     seed: Seed = None,
     set_: Set = None,
     accuracy: Annotated[
-        float | None, typer.Option(help="Take the fastest settings that the scene's chart has within this error [m].")
+        float | None,
+        typer.Option(help="Take the fastest settings that the scene's chart has within this error [m]."),
     ] = None,
     checkpoint: Checkpoint = None,
     every: Every = Checkpoints.every,
@@ -81,7 +82,7 @@ def run_scene(
             row = _pick_for(built, accuracy)
             dtype = row.dtype
             typer.echo(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
-        take = None
+        recording = None
         if drags is not None:
             brought = (
                 fps,
@@ -98,9 +99,9 @@ def run_scene(
             )
             if any(given is not None for given in brought):
                 raise InputError("--drags brings the settings it was recorded with: leave others out")
-            take = Take.load(drags)
-            built, dtype = take.load_scene(scene), take.dtype
-            built.frames = take.frames if frames is None else check.whole("frames", frames, low=1)
+            recording = Recording.load(drags)
+            built, dtype = recording.load_scene(scene), recording.dtype
+            built.frames = recording.frames if frames is None else check.whole("frames", frames, low=1)
         path = check_path(out if out is not None else Path(f"{built.name}.usda"))
         if stats is not None:
             check.folder(stats.parent)
@@ -108,7 +109,7 @@ def run_scene(
             built.on_failure = on_failure
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
-            result = run(built, path, device, dtype or "float32", hooks, take)
+            result = run(built, path, device, dtype or "float32", hooks, recording)
         if stats is not None:
             result.save(stats)
         typer.echo(table(result))
@@ -137,7 +138,7 @@ def hooks_of(checkpoint: Path | None, every: int, resume: bool, on_frame: Callab
         raise InputError("--resume goes on from a checkpoint: name it with --checkpoint FILE")
     return Hooks(
         on_frame=on_frame,
-        on_caution=lambda caution: typer.echo(f"pbd-warp: known to fail: {caution}", err=True),
+        on_warning=lambda caution: typer.echo(f"pbd-warp: known to fail: {caution}", err=True),
         checkpoints=Checkpoints(checkpoint, every, resume) if checkpoint is not None else None,
     )
 

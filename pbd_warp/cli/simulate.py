@@ -26,10 +26,10 @@ from pbd_warp.cli.options import (
 )
 from pbd_warp.cli.run import hooks_of, table
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.curves import Material, load_stage, simulate
+from pbd_warp.curves.scene import GRAVITY
 from pbd_warp.run import Checkpoints
-from pbd_warp.stage import Material, load_stage, simulate
-from pbd_warp.stage.scene import GRAVITY
-from pbd_warp.usd import check_path
+from pbd_warp.usd.writer import check_path
 
 
 @app.command("simulate")

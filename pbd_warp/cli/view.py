@@ -98,4 +98,4 @@ async def _serve(session: Session, host: str, port: int, no_open: bool, record: 
         await server.stop()
         if record is not None:
             session.save(record)
-            typer.echo(f"{session.take.frames} frames of scene {session.scene.name} are recorded in {record}")
+            typer.echo(f"{session.recording.frames} frames of scene {session.scene.name} are recorded in {record}")

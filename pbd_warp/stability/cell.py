@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from pbd_warp.drag import Drag
 from pbd_warp.errors import SimulationFailed
+from pbd_warp.grab.drag import Drag
 from pbd_warp.measure import measure
-from pbd_warp.model import Model
+from pbd_warp.model.model import Model
 from pbd_warp.run import make_simulation
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.stability.classify import Figures
-from pbd_warp.watch import Limits
+from pbd_warp.step.divergence import Limits
 
 EARTH = 9.81
 """Weighs what has no gravity, so that energies can be compared [m/s^2]."""

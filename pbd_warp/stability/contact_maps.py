@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from pbd_warp.methods import Direct, GaussSeidel, Jacobi
 from pbd_warp.simulation import Simulation
 from pbd_warp.stability import theory
 from pbd_warp.stability.cell import run_scene, study
 from pbd_warp.stability.classify import STRETCHED, Figures
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
+from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
 
 DIAMETER = 0.1
 """r1 + r2 of a bullet and a post [m]."""

@@ -8,14 +8,14 @@ from functools import cache
 
 import numpy as np
 
-from pbd_warp.builder import ModelBuilder
-from pbd_warp.methods import Direct, GaussSeidel, Jacobi
-from pbd_warp.methods.jacobi import spectral_radius
+from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.scene import Scene, references
 from pbd_warp.stability import theory
 from pbd_warp.stability.cell import run_scene, study
 from pbd_warp.stability.classify import Figures
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
+from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
+from pbd_warp.step.methods.jacobi import spectral_radius
 
 SWEEPS = 20
 """A step, where the map does not vary it; even, see theory.sweeps_limit."""

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from pbd_warp.builder import ModelBuilder
-from pbd_warp.methods import Direct, GaussSeidel, Jacobi, Method
+from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.stability import theory
 from pbd_warp.stability.cell import run_scene, study
 from pbd_warp.stability.classify import OFF, Figures
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
+from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi, Method
 
 
 def _whip(method: Method, integrator: str) -> Panel:

@@ -12,17 +12,17 @@ import numpy as np
 
 from pbd_warp.cost import cost_sheet
 from pbd_warp.errors import InputError, SimulationFailed, unknown
-from pbd_warp.hand import Hand
-from pbd_warp.integrators import INTEGRATORS
+from pbd_warp.grab.grabber import Grabber
+from pbd_warp.grab.recording import CHANGE, Recording, summary
 from pbd_warp.measure import measure
-from pbd_warp.methods import METHODS
 from pbd_warp.scene import Scene, load_scene, scene_names
 from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
-from pbd_warp.take import CHANGE, Take, summary
-from pbd_warp.usd import shown_widths
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.methods import METHODS
+from pbd_warp.usd.writer import shown_widths
 from pbd_warp.view import messages as say
-from pbd_warp.view.stage import describe
+from pbd_warp.view.surroundings import describe
 
 HEADER = struct.Struct("<IIiI")
 """Of a frame: generation, frame, the held particle or -1, the page that holds it or 0; then positions, float32 xyz."""
@@ -49,7 +49,7 @@ class Session:
         failure: Why the simulation has stopped, None while it has not.
         generation: Counts models: what belongs to another one is out of date.
         holder: The page whose hand it is, None while it holds nothing.
-        take: What was done since the initial state.
+        recording: What was done since the initial state.
 
     Raises:
         InputError: what the scene's model or simulation refuse.
@@ -72,7 +72,7 @@ class Session:
         self.generation = 0
         self.holder: int | None = None
         self.failure: str | None = None
-        self.take: Take
+        self.recording: Recording
         self._open(scene)
 
     def advance(self) -> bool:
@@ -95,7 +95,7 @@ class Session:
                 self._click(who, message)
             case say.Move():
                 if who == self.holder:
-                    self.hand.hover(message.camera, message.at)
+                    self.grabber.hover(message.camera, message.at)
             case say.Release():
                 self.leave(who)
             case say.Pause():
@@ -114,13 +114,13 @@ class Session:
     def leave(self, who: int) -> None:
         """Let go of what a page holds."""
         if who == self.holder:
-            self.hand.deselect()
+            self.grabber.deselect()
             self.holder = None
 
     @property
     def frame(self) -> int:
         """Frames done since the initial state."""
-        return self.take.frames - 1
+        return self.recording.frames - 1
 
     def positions(self) -> np.ndarray:
         """Of the last frame that went well [m], float32 [particle_count, 3]."""
@@ -128,7 +128,7 @@ class Session:
 
     def packet(self) -> bytes:
         """The last frame as pages get it: HEADER, positions."""
-        held = -1 if self.hand.particle is None else self.hand.particle
+        held = -1 if self.grabber.particle is None else self.grabber.particle
         return HEADER.pack(self.generation, self.frame, held, self.holder or 0) + self._positions.tobytes()
 
     def description(self) -> dict[str, Any]:
@@ -170,8 +170,8 @@ class Session:
         }
 
     def save(self, path: Path) -> None:
-        """Write the take."""
-        self.take.save(path)
+        """Write the recording."""
+        self.recording.save(path)
 
     def _open(self, scene: Scene) -> None:
         model = scene.builder.finalize(device=self._device, dtype=self._dtype)
@@ -185,12 +185,12 @@ class Session:
         self._start(settings, settings.simulation(self.scene, self.model))
 
     def _start(self, settings: Settings, sim: Simulation) -> None:
-        """From the initial state, with a take of its own."""
+        """From the initial state, with a recording of its own."""
         self._use(settings, sim)
-        self.hand = Hand(sim, lambda gesture, value: self.take.note(self.frame, gesture, value))
+        self.grabber = Grabber(sim, lambda gesture, value: self.recording.note(self.frame, gesture, value))
         self.holder = self.failure = None
         seed, scene_settings = self._made_from if self.scene is self._first else (None, {})
-        self.take = Take(
+        self.recording = Recording(
             *(self.scene.name, seed, scene_settings, summary(self.model), self.scene.fps, self._dtype, settings)
         )
         self._positions = self.sim.state.x.numpy().astype(np.float32)
@@ -211,15 +211,15 @@ class Session:
         self._positions = self.sim.state.x.numpy().astype(np.float32)
         seconds = time.perf_counter() - start
         self._seconds += (SMOOTHING if self._seconds else 1.0) * (seconds - self._seconds)
-        self.take.frames += 1
+        self.recording.frames += 1
         return True
 
     def _click(self, who: int, click: say.Click) -> None:
         self._refuse_if_stopped()
         if self.holder not in (None, who):
             raise InputError(f"page {self.holder} is dragging; wait until it lets go")
-        self.hand.click(click.camera, click.at, self._radius())
-        self.holder = who if self.hand.particle is not None else None
+        self.grabber.click(click.camera, click.at, self._radius())
+        self.holder = who if self.grabber.particle is not None else None
 
     def _change(self, changes: Mapping[str, Any]) -> None:
         new = self.settings.changed(self.scene, **changes)
@@ -235,8 +235,8 @@ class Session:
             return
         sim = new.continued(self.sim, self.scene, self.model)
         self._use(new, sim)
-        self.hand.sim = sim
-        self.take.note(self.frame, CHANGE, new)
+        self.grabber.sim = sim
+        self.recording.note(self.frame, CHANGE, new)
 
     def _load(self, name: str) -> None:
         if name not in self._sources:

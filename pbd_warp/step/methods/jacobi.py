@@ -1,0 +1,181 @@
+"""Jacobi: all constraints see the same positions, their corrections are summed, then applied at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from pbd_warp import check
+from pbd_warp.errors import InputError, unknown
+from pbd_warp.kernels.jacobi import add_corrections, add_corrections_accelerated
+from pbd_warp.step.methods.iteration import Iterations, check_iterations
+
+if TYPE_CHECKING:
+    from pbd_warp.model.model import Model
+    from pbd_warp.simulation import Simulation
+
+AVERAGINGS = ("mass-splitting", "valence", "none")
+
+PLAIN_ITERATIONS = 10
+"""Iterations before Chebyshev sets in (Wang 2015, section 4.2: the first ones are not yet governed by rho)."""
+
+
+@dataclass(frozen=True)
+class Jacobi:
+    """Jacobi sweeps with atomic accumulation.
+
+    Args:
+        iterations: Sweeps a substep (solverIterations of the paper), at least 1; with a tolerance at most so many.
+        relaxation: Factor on every correction. Converges for 0 < relaxation < 2 with mass splitting on every graph;
+            with the others the limit depends on the graph.
+        averaging: What becomes of n_i constraints that all move particle i.
+            "mass-splitting" (Tonge et al. 2012, Mass Splitting for Jitter-Free Parallel Rigid Body Simulation): each
+            gets a share m_i / n_i of the mass, so n_i w_i stands in the denominator and w_i in the correction.
+            Keeps momentum.
+            "none": the plain sum. Keeps momentum; fails where many constraints meet (a star of 7 in the plane).
+            "valence": each particle's sum over its own n_i. Leaks momentum where the n_i differ.
+        chebyshev: Spectral radius rho of the sweep, for Chebyshev's semi-iteration (Wang 2015): omega = 1 for 10
+            iterations, then 2/(2 - rho^2), then 4/(4 - rho^2 omega). "auto" measures it on the graph as it is at the
+            start (needs SciPy). For rigid constraints without contacts. Too large a rho for a moving scene is
+            worse than none.
+        tolerance: Stop when the largest |C| [m] falls under it; None: always all iterations.
+
+    Raises:
+        InputError: iterations < 1, relaxation <= 0, or >= 2 with mass splitting, an unknown averaging, chebyshev
+            neither in (0, 1) nor "auto", tolerance <= 0.
+    """
+
+    name: ClassVar[str] = "jacobi"
+    remedy: ClassVar[str] = "try more substeps, a smaller relaxation or averaging='mass-splitting'"
+
+    iterations: int = 20
+    relaxation: float = 1.0
+    averaging: str = "mass-splitting"
+    chebyshev: float | str | None = None
+    tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        check_iterations(self.iterations, self.tolerance)
+        check.number("relaxation", self.relaxation, above=0.0)
+        if self.averaging not in AVERAGINGS:
+            raise unknown("averaging", self.averaging, AVERAGINGS)
+        if self.averaging == "mass-splitting" and self.relaxation >= 2.0:
+            raise InputError(
+                f"relaxation must be in (0, 2) with mass splitting, no graph converges beyond; not {self.relaxation:g}"
+            )
+        if self.chebyshev not in (None, "auto"):
+            rho = check.number("chebyshev", self.chebyshev, above=0.0)
+            if rho >= 1.0:
+                raise InputError(f"chebyshev must be 'auto' or a spectral radius in (0, 1), not {rho:g}")
+
+    def valence(self, model: Model) -> np.ndarray:
+        """Constraints at each particle that share its mass, int32 [particle_count]; contacts come on top."""
+        count = np.zeros(model.particle_count, np.int32)
+        model.distance.valence(count)
+        model.point.valence(count)
+        return count
+
+    def bind(self, sim: Simulation) -> JacobiSolver:
+        return JacobiSolver(self, sim)
+
+
+class JacobiSolver:
+    """Lines 9-11 on one simulation."""
+
+    def __init__(self, method: Jacobi, sim: Simulation):
+        model = sim.model
+        soft = bool(np.any(model.distance.compliance > 0.0) or np.any(model.point.compliance > 0.0))
+        if method.averaging == "valence" and soft:
+            raise InputError(
+                "compliance needs averaging 'mass-splitting' or 'none': 'valence' moves the particles by "
+                "less than the multipliers say"
+            )
+        if method.chebyshev is not None and (soft or sim.contacts):
+            raise InputError(
+                "chebyshev is for rigid constraints without contacts: leave it out, or use GaussSeidel or Direct"
+            )
+        self._sim = sim
+        self._method = method
+        self._constraints = [c for c in (*sim.bind_constraints(), sim.contacts) if c]
+        self._correction = sim.allocate("jacobi.correction", model.particle_count, sim.vec3)
+        self._share = sim.share if method.averaging == "mass-splitting" else None
+        self._divisor = sim.share if method.averaging == "valence" else None
+        self._iterations = Iterations(sim, method.iterations, method.tolerance)
+        self._omega = None
+        if method.chebyshev is not None and self._constraints:
+            rho = spectral_radius(model, method) if method.chebyshev == "auto" else float(method.chebyshev)
+            self._omega = sim.upload("jacobi.omega", chebyshev_factors(rho, method.iterations))
+            self._u_before = sim.allocate("jacobi.u_before", model.particle_count, sim.vec3)
+
+    def restart(self) -> None:
+        """Nothing is kept from step to step."""
+
+    def solve(self) -> None:
+        if not self._constraints:
+            return
+        for constraint in self._constraints:
+            constraint.begin()
+        self._iterations.run(self._project, self._apply)
+
+    def _project(self) -> None:
+        for constraint in self._constraints:
+            constraint.project(
+                *(self._sim.u, self._share, self._method.relaxation), self._iterations.residual, self._correction
+            )
+
+    def _apply(self, k: int) -> None:
+        sim = self._sim
+        if self._omega is None:
+            sim.launch(add_corrections, len(sim.u), self._divisor, self._correction, sim.u)
+        else:
+            sim.launch(
+                add_corrections_accelerated,
+                len(sim.u),
+                *(self._divisor, self._omega[k:], self._iterations.count, self._iterations.another),
+                *(self._correction, self._u_before, sim.u),
+            )
+
+
+def chebyshev_factors(rho: float, iterations: int) -> np.ndarray:
+    """omega of each iteration, float64 [iterations] (Wang 2015, algorithm 1)."""
+    omega = np.ones(iterations)
+    for k in range(PLAIN_ITERATIONS, iterations):
+        omega[k] = 2.0 / (2.0 - rho**2) if k == PLAIN_ITERATIONS else 4.0 / (4.0 - rho**2 * omega[k - 1])
+    return omega
+
+
+def spectral_radius(model: Model, method: Jacobi) -> float:
+    """rho of one sweep over a model's constraints, linearised where it is: 1 - relaxation * lambda_min(D^-1 A).
+
+    A = J W J^T with J the gradients and W the inverse masses, D the sweep's denominators. By the symmetric form
+    D^-1/2 A D^-1/2 and inverse iteration, on the host.
+    """
+    try:
+        from scipy.sparse import coo_array, diags_array, eye_array
+        from scipy.sparse.linalg import eigsh
+    except ImportError:
+        raise InputError("chebyshev='auto' needs SciPy: pip install 'pbd-warp[chart]', or give rho itself") from None
+    edge, m = model.distance.edge, len(model.distance)
+    points = model.point.particle
+    d = model.x[edge[:, 0]] - model.x[edge[:, 1]]
+    length = np.linalg.norm(d, axis=1, keepdims=True)
+    d = np.divide(d, length, out=np.zeros_like(d), where=length > 0.0)
+    rows = np.concatenate([np.repeat(np.arange(m), 3)] * 2 + [m + np.arange(3 * len(points))])
+    axes = np.arange(3)
+    columns = np.concatenate([(3 * p[:, None] + axes).ravel() for p in (edge[:, 0], edge[:, 1], points)])
+    values = np.concatenate([d.ravel(), -d.ravel(), np.ones(3 * len(points))])
+    size = m + 3 * len(points)
+    jacobian = coo_array((values, (rows, columns)), shape=(size, 3 * model.particle_count)).tocsr()
+    share = method.valence(model) if method.averaging == "mass-splitting" else np.ones(model.particle_count)
+    weight = share * model.w
+    denominator = np.concatenate([weight[edge[:, 0]] + weight[edge[:, 1]], np.repeat(weight[points], 3)])
+    scale = diags_array(np.divide(1.0, np.sqrt(denominator), out=np.zeros(size), where=denominator > 0.0))
+    matrix = scale @ jacobian @ diags_array(np.repeat(model.w, 3)) @ jacobian.T @ scale
+    if size < 3:
+        lowest = np.linalg.eigvalsh(matrix.toarray())[0]
+    else:
+        # Shifted a little below 0: constraints that say the same twice make the matrix singular.
+        lowest = eigsh(matrix + 1e-12 * eye_array(size), k=1, sigma=0.0, which="LM", return_eigenvectors=False)[0]
+    return float(np.clip(1.0 - method.relaxation * lowest, 1e-6, 1.0 - 1e-9))
