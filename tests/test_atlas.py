@@ -70,7 +70,7 @@ def test_the_maps_are_those_promised_and_each_has_a_scene():
         assert made.scene in pbd.scene_names()
         assert made.title
         assert made.text.endswith(".")
-        assert made.cure == made.cure.strip(". ")
+        assert made.remedy == made.cure.strip(". ")
         for axis in (made.x, made.y):
             assert list(axis.values) == sorted(set(axis.values))
         assert made.size == len(made.panels) * len(made.x.values) * len(made.y.values)
@@ -234,7 +234,7 @@ def test_the_page_shows_all_maps(atlas):
     assert text == page(list(atlas.values()))
     for name, made in MAPS.items():
         assert f"({name}.svg)" in text
-        assert made.cure in text
+        assert made.remedy in text
     assert "on the wrong side of theory by more than one cell." in text
 
 

@@ -7,7 +7,6 @@ import pytest
 from models import FOUR_SCENES, state
 
 import pbd_warp as pbd
-from pbd_warp.run import make_simulation
 from pbd_warp.stability.cell import run_scene
 from pbd_warp.stability.classify import classify
 
@@ -18,7 +17,7 @@ def runs():
     done = {}
     for name in FOUR_SCENES:
         scene = pbd.load_scene(name)
-        sim = make_simulation(scene, scene.builder.finalize())
+        sim = pbd.Simulation(scene.builder.finalize(), scene.settings)
         drag = pbd.Drag(scene.drag)
         positions, measures = [state(sim)[0]], [pbd.measure(sim)]
         for _ in range(scene.frames - 1):
@@ -116,7 +115,7 @@ def test_no_particle_ever_jumps(runs, name):
 def test_study_scenes_stay_close_to_their_reference(name):
     """At their own settings, after one second, within 1 mm of what is exactly known."""
     scene = pbd.load_scene(name)
-    sim = make_simulation(scene, scene.builder.finalize(dtype="float64"))
+    sim = pbd.Simulation(scene.builder.finalize(dtype="float64"), scene.settings)
     for _ in range(60):
         sim.step()
     error = np.abs(state(sim)[0] - scene.reference(1.0)).max()

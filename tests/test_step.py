@@ -7,7 +7,6 @@ import warp as wp
 from models import FOUR_SCENES, crowd_model, rope_model, state
 
 import pbd_warp as pbd
-from pbd_warp.run import make_simulation
 
 SCENES = FOUR_SCENES
 
@@ -38,7 +37,7 @@ def test_every_scene_follows_the_reference(name, dtype):
     """Before, in and after its drag; the reference starts from the simulation's own state each time."""
     scene = pbd.load_scene(name)
     scene.method = pbd.Jacobi(4)  # which the reference makes; the others have their own in test_methods.py
-    sim = make_simulation(scene, scene.builder.finalize(dtype=dtype))
+    sim = pbd.Simulation(scene.builder.finalize(dtype=dtype), scene.settings)
     drag = pbd.Drag(scene.drag)
     start, end = (gesture[0] for gesture in (scene.drag[0], scene.drag[-1]))
     compared = [2, int(60 * (start + 0.2)), int(60 * (end - 0.2)), int(60 * end) + 3]
@@ -103,7 +102,7 @@ BOUNCE = ["zero", "count_active", "bounce", "add_corrections"]
 @pytest.mark.parametrize("name", SCENES)
 def test_passes_are_just_what_the_scene_needs(name):
     scene = pbd.load_scene(name)
-    sim = make_simulation(scene, scene.builder.finalize())
+    sim = pbd.Simulation(scene.builder.finalize(), scene.settings)
     collides = name == "collision"
     expected = [
         *([] if collides else DAMPING),
