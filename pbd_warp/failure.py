@@ -17,8 +17,8 @@ def describe(now: Snapshot, failure: Failure) -> str:
     kind, number = failure
     if kind == "contacts":
         room = room_for_contacts(now.model.particle_count, now.settings.max_contacts)
-        return f"{number} contacts, but there is room for {room}; "
-            f"give Simulation or Scene max_contacts={2 * number} or more"
+        what = f"{number} contacts, but there is room for {room}"
+        return f"{what}; give Simulation or Scene max_contacts={2 * number} or more"
     remedy = nearest_remedy(now) or _remedy(now, failure[0])
     return f"{_finding(now, failure)} with {now.settings}; {_worst_constraint(now)}{remedy}"
 
