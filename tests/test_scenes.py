@@ -137,17 +137,17 @@ def test_every_scene_holds_at_its_own_settings(name):
 
 def test_a_star_of_no_such_shape():
     with pytest.raises(pbd.InputError, match=r"unknown shape of the star 'plane': .* did you mean 'planar'"):
-        pbd.load_scene("star", settings={"shape": "plane"})
+        pbd.load_scene("star", parameters={"shape": "plane"})
 
 
 def test_settings_of_a_scene():
-    assert pbd.load_scene("chain", settings={"links": "4"}).builder.particle_count == 5
-    with pytest.raises(pbd.InputError, match="unknown setting of scene chain 'link': there is links; did you mean"):
-        pbd.load_scene("chain", settings={"link": "4"})
-    with pytest.raises(pbd.InputError, match="setting links of scene chain must be like 9, not 'four'"):
-        pbd.load_scene("chain", settings={"links": "four"})
-    with pytest.raises(pbd.InputError, match="scene rope has no settings"):
-        pbd.load_scene("rope", settings={"links": "4"})
+    assert pbd.load_scene("chain", parameters={"links": "4"}).builder.particle_count == 5
+    with pytest.raises(pbd.InputError, match="unknown parameter of scene chain 'link': there is links; did you mean"):
+        pbd.load_scene("chain", parameters={"link": "4"})
+    with pytest.raises(pbd.InputError, match="parameter links of scene chain must be like 9, not 'four'"):
+        pbd.load_scene("chain", parameters={"links": "four"})
+    with pytest.raises(pbd.InputError, match="scene rope has no parameters"):
+        pbd.load_scene("rope", parameters={"links": "4"})
 
 
 def test_without_scipy_the_extra_is_named(monkeypatch):
