@@ -123,7 +123,7 @@ class Hooks:
     """
 
     on_frame: Callable[[int], object] = lambda frame: None
-    on_warning: Callable[[PreflightWarning], object] = lambda caution: None
+    on_warning: Callable[[PreflightWarning], object] = lambda warning: None
     checkpoints: Checkpoints | None = None
 
 

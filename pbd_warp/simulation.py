@@ -15,6 +15,7 @@ from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import SimulationFailed
 from pbd_warp.failure import describe
 from pbd_warp.loop import Loop
+from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
 from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
 from pbd_warp.settings import Settings
@@ -25,7 +26,7 @@ class Simulation:
     """Runs a model, frame by frame.
 
     Args:
-        model: What to simulate.
+        model: What to simulate; a builder is finalized with its defaults.
         settings: How; the defaults of `Settings` unless given.
         **changes: Settings by name that take the place of those: dt, substeps, method, integrator, damping, ...
 
@@ -40,7 +41,9 @@ class Simulation:
         InputError: a setting that makes no sense, or that method or integrator refuse for this model.
     """
 
-    def __init__(self, model: Model, settings: Settings | None = None, **changes: Any):
+    def __init__(self, model: Model | ModelBuilder, settings: Settings | None = None, **changes: Any):
+        if isinstance(model, ModelBuilder):
+            model = model.finalize()
         settings = (settings or Settings()).changed(**changes)
         self.settings = settings
         self._given_model = model

@@ -28,7 +28,7 @@ GRAVITY = 9.81
 """[m/s^2]"""
 
 TAUT = 1e-3
-"""A rope with less slack than this part of its length hangs by forces that grow without bounds as it goes to 0."""
+"""A rope with less slack than this fraction of its length hangs by forces that grow without bounds as it goes to 0."""
 
 
 @dataclass(frozen=True)

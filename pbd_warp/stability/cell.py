@@ -22,7 +22,7 @@ EARTH = 9.81
 """Weighs what has no gravity, so that energies can be compared [m/s^2]."""
 
 VIOLATED = 1e-5
-"""A scene starts with an error if one is larger than this part of its size; float32 rounds by less."""
+"""A scene starts with an error if one is larger than this fraction of its size; float32 rounds by less."""
 
 
 def run_scene(
