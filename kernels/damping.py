@@ -14,11 +14,12 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Mat33, Real, Vec3, kernel
+from pbd_warp.kernels.precision import Mat33, Real, Vec3, step_pass
 
 
-@kernel
+@step_pass
 def sum_momentum(
+    i: wp.int32,
     # Model:
     component: wp.array[wp.int32],  # [particle_count]
     first: wp.array[wp.int32],  # [component_count] a particle of each
@@ -31,7 +32,6 @@ def sum_momentum(
     moment: wp.array[Vec3],  # [component_count] sum m (x - x_first) [kg m]
     momentum: wp.array[Vec3],  # [component_count] sum m v [kg m/s]
 ):
-    i = wp.tid()
     if w[i] > Real(0.0):
         c = component[i]
         m = Real(1.0) / w[i]
@@ -40,8 +40,9 @@ def sum_momentum(
         wp.atomic_add(momentum, c, m * v[i])
 
 
-@kernel
+@step_pass
 def sum_angular_momentum(
+    i: wp.int32,
     # Model:
     component: wp.array[wp.int32],
     first: wp.array[wp.int32],
@@ -57,7 +58,6 @@ def sum_angular_momentum(
     angular_momentum: wp.array[Vec3],  # [component_count] [kg m^2/s]
     inertia: wp.array[Mat33],  # [component_count] [kg m^2]
 ):
-    i = wp.tid()
     if w[i] > Real(0.0):
         c = component[i]
         m = Real(1.0) / w[i]
@@ -67,8 +67,9 @@ def sum_angular_momentum(
         wp.atomic_add(inertia, c, m * (wp.dot(r, r) * one - wp.outer(r, r)))
 
 
-@kernel
+@step_pass
 def find_rotation(
+    c: wp.int32,
     # In:
     angular_momentum: wp.array[Vec3],  # [component_count]
     inertia: wp.array[Mat33],  # [component_count]
@@ -77,7 +78,6 @@ def find_rotation(
     omega: wp.array[Vec3],  # [component_count] [rad/s]
 ):
     """omega = I^+ L, by eigenvalues: an axis without inertia does not turn."""
-    c = wp.tid()
     axes, moments = wp.eig3(inertia[c])
     largest = wp.max(moments)
     result = Vec3()
@@ -88,8 +88,9 @@ def find_rotation(
     omega[c] = result
 
 
-@kernel
+@step_pass
 def damp_velocities(
+    i: wp.int32,
     # Model:
     component: wp.array[wp.int32],
     first: wp.array[wp.int32],
@@ -106,7 +107,6 @@ def damp_velocities(
     v: wp.array[Vec3],
 ):
     """Lines (6)-(9) of section 3.5."""
-    i = wp.tid()
     if w[i] > Real(0.0):
         c = component[i]
         r = (x[i] - x[first[c]]) - moment[c] / mass[c]

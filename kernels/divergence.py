@@ -1,25 +1,37 @@
 """Whether a frame has left what is possible: links far beyond their length, energy from nowhere.
 
-Both write to `diverged`, which the host reads once a frame; positions that are not finite are noted there by the step
-itself (integrate.py).
+Both write to `diverged`, which is read once a frame; positions that are not finite are noted there by the step itself
+(integrate.py), and contacts beyond the room for them (contact.py).
 """
 
 from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.precision import Real, Vec3, step_pass
 
 PARTICLE = wp.constant(0)  # places in `diverged`: the lowest particle that is not finite,
 EDGE = wp.constant(1)  # the lowest edge stretched beyond the limit,
-ENERGY = wp.constant(2)  # 0 where energy has risen beyond the limit
+ENERGY = wp.constant(2)  # 0 where energy has risen beyond the limit,
+CONTACTS = wp.constant(3)  # the most contacts wanted beyond the room for them, 0 if all fitted
+
+NOTHING = wp.constant(2**31 - 1)
+"""In the first three places: nothing to tell."""
 
 CHUNK = wp.constant(64)
 """Particles a thread sums before it adds to the total: on a GPU 64 times fewer atomics to one address."""
 
 
-@kernel
+@wp.func
+def failed(diverged: wp.array[wp.int32]):
+    """Whether there is anything to tell."""
+    fine = diverged[PARTICLE] == NOTHING and diverged[EDGE] == NOTHING and diverged[ENERGY] == NOTHING
+    return not (fine and diverged[CONTACTS] == 0)
+
+
+@step_pass
 def check_stretch(
+    k: wp.int32,
     # Model:
     edge: wp.array[wp.vec2i],  # [edge_count]
     rest_length: wp.array[Real],  # [edge_count] [m]
@@ -28,9 +40,8 @@ def check_stretch(
     # In:
     limit: Real,  # length over rest length, squared
     # Out:
-    diverged: wp.array[wp.int32],  # [3]
+    diverged: wp.array[wp.int32],  # [4]
 ):
-    k = wp.tid()
     rest = rest_length[k]
     d = x[edge[k][0]] - x[edge[k][1]]
     # Squares: a root a link would cost as much as all the rest.
@@ -38,8 +49,9 @@ def check_stretch(
         wp.atomic_min(diverged, EDGE, k)
 
 
-@kernel
+@step_pass
 def sum_energy(
+    chunk: wp.int32,
     # Model:
     gravity: Vec3,  # [m/s^2]
     mass: wp.array[Real],  # [particle_count] [kg], 0 of fixed ones
@@ -49,7 +61,7 @@ def sum_energy(
     # Out:
     energy: wp.array[wp.float64],  # [1] added to: kinetic and in gravity [J]
 ):
-    first = wp.tid() * CHUNK
+    first = chunk * CHUNK
     total = Real(0.0)
     for i in range(first, wp.min(first + CHUNK, x.shape[0])):
         v_i = v[i]
@@ -57,8 +69,9 @@ def sum_energy(
     wp.atomic_add(energy, 0, wp.float64(total))
 
 
-@kernel
+@step_pass
 def check_energy(
+    i: wp.int32,
     # In:
     limit: wp.float64,  # [J]
     # Out:

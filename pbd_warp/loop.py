@@ -16,6 +16,7 @@ from pbd_warp.step.divergence import DivergenceMonitor
 from pbd_warp.step.integrators import INTEGRATORS
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
 from pbd_warp.step.methods import Direct
+from pbd_warp.step.program import Machine
 
 
 class Loop:
@@ -24,6 +25,7 @@ class Loop:
     Attributes:
         context: The arrays that its parts share.
         start: The state at the start of the frame, where a failed one can be made again.
+        machine: Makes frames in one launch; None where they are launched pass by pass, or replayed so.
         compile_seconds: What loading (and at first use compiling) the kernels took.
 
     Raises:
@@ -48,27 +50,37 @@ class Loop:
             self.start = State(*(context.allocate(f"start.{name}", n, context.vec3) for name in "xv"))
         # With contacts Newton's method is but one half of a round; no single one of them has to arrive.
         self._newton = isinstance(settings.method, Direct) and not self.contacts and settings.on_failure != "continue"
-        self.compile_seconds = self._load_kernels()
-        self._graph = self._capture() if settings.capture else None
+        self._seen = context.diverged.numpy() if model.device.is_cpu else None  # the memory itself
+        self._graph: wp.Graph | None = None
+        self.machine = self._compile() if settings.capture else None
+        if self.machine is None:
+            self.compile_seconds = self._load_kernels()
+            self._graph = self._capture() if settings.capture else None
 
-    def make_frame(self) -> None:
-        """Advance the state by a frame."""
+    def make_frames(self, frames: int) -> int:
+        """Advance the state by so many frames, or up to one that fails; how many were made."""
+        if self.machine is not None:
+            return self.machine.make(frames)
         if self._graph is None:
             self.run_frame()
         else:
             wp.capture_launch(self._graph)
+        return 1
 
     def run_frame(self) -> None:
         """Launch the steps of a frame, and the search for divergence at its end."""
+        self._begin_frame()
+        for _ in range(self._settings.substeps):
+            self.run_step()
+        self.monitor.launch()
+
+    def _begin_frame(self) -> None:
         context = self.context
         if self.start:
             context.launch.copy(self.start.x, context.state.x)
             context.launch.copy(self.start.v, context.state.v)
         if self.solver.counters is not None:
             context.launch.zero(self.solver.counters)
-        for _ in range(self._settings.substeps):
-            self.run_step()
-        self.monitor.launch()
 
     def run_step(self) -> None:
         """One step of the integrator."""
@@ -89,12 +101,11 @@ class Loop:
 
     def find_failure(self) -> Failure | None:
         """What is wrong with the frame just made, if anything; reads a few integers back."""
-        if self.contacts:
-            needed = int(self.contacts.needed.numpy()[0])
-            if needed:
-                self.contacts.needed.zero_()
-                return "contacts", needed
-        particle, edge, energy = self.context.diverged.numpy().tolist()
+        seen = self.context.diverged.numpy() if self._seen is None else self._seen
+        particle, edge, energy, contacts = seen.tolist()
+        if contacts:
+            self.context.diverged[3:].zero_()
+            return "contacts", contacts
         for kind, number in ("particle", particle), ("stretch", edge), ("energy", energy):
             if number != NOTHING:
                 return kind, number
@@ -110,8 +121,6 @@ class Loop:
     def restart(self) -> None:
         """Forget the past: the state has been put somewhere else."""
         self.monitor.restart()
-        if self.contacts:
-            self.contacts.needed.zero_()
         self.integrator.restart()
         self.solver.restart()
 
@@ -123,6 +132,20 @@ class Loop:
         for module in {kernel.module.name for _, kernel in trace if kernel}:
             wp.load_module(module, device=self.context.model.device)
         return time.perf_counter() - start
+
+    def _compile(self) -> Machine | None:
+        """What makes frames in one launch; None where that does not pay or a part cannot do it."""
+        with self.context.launch.record() as program:
+            self._begin_frame()
+            with program.repeat(self._settings.substeps):
+                self.run_step()
+            self.monitor.launch()
+        if program.obstacle is not None or not program.pays(self.context.model.particle_count):
+            return None
+        start = time.perf_counter()
+        machine = program.compile(self.context.diverged)
+        self.compile_seconds = time.perf_counter() - start
+        return machine
 
     def _capture(self) -> wp.Graph:
         with wp.ScopedCapture(device=self.context.model.device, force_module_load=False) as capture:

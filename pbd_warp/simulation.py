@@ -10,10 +10,10 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from pbd_warp import retry
+from pbd_warp import check, retry
 from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import SimulationFailed
-from pbd_warp.failure import describe
+from pbd_warp.failure import Failure, describe
 from pbd_warp.loop import Loop
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
@@ -56,19 +56,26 @@ class Simulation:
         self.state = self._context.state
         self._spares: dict[str, Simulation] = {}
 
-    def step(self) -> None:
-        """Advance by one frame.
+    def step(self, frames: int = 1) -> None:
+        """Advance by so many frames, with nothing between them: what is moved is moved in the first one and rests then.
 
         Raises:
-            SimulationFailed: the frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
-                were more contacts than room for them.
+            SimulationFailed: a frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
+                were more contacts than room for them. It is the last one made: `frame` and `state` are of it.
+            InputError: frames is not a whole number of at least 1.
         """
-        self._kinematic.begin_frame(self.frame)
-        self._loop.make_frame()
-        self.frame += 1
-        failure = self._loop.find_failure()
-        if failure is None:
-            return
+        if frames != 1:
+            frames = check.whole("frames", frames, low=1)
+        last = self.frame + frames
+        while self.frame < last:
+            moves = self._kinematic.begin_frame(self.frame)
+            self.frame += self._loop.make_frames(1 if moves else last - self.frame)
+            failure = self._loop.find_failure()
+            if failure is not None:
+                self._recover(failure)
+
+    def _recover(self, failure: Failure) -> None:
+        """Make the frame just made again, as the settings say, or raise."""
         if failure[0] == "contacts":  # which no retry would help
             raise SimulationFailed(f"{self._when}: {describe(self._snapshot(), failure)}")
         if not self._retry():
@@ -192,14 +199,21 @@ class Simulation:
 
     @property
     def passes(self) -> list[str]:
-        """What one step (substep) launches, in order."""
+        """What one step (substep) launches, in order; a fused frame makes the same passes in one launch."""
         with self._context.launch.dry_run() as trace:
             self._loop.run_step()
         return [name for name, _ in trace]
 
     @property
+    def fused(self) -> bool:
+        """Whether a frame is one launch, in which one thread (on a GPU: one block) makes all passes."""
+        return self._loop.machine is not None
+
+    @property
     def launches(self) -> int:
-        """Launches in a frame: its steps, and the search for divergence at its end."""
+        """Launches in a frame: one where it is fused, else of its steps and of the search for divergence at its end."""
+        if self.fused:
+            return 1
         with self._context.launch.dry_run() as trace:
             self._loop.run_frame()
         return len(trace)

@@ -82,11 +82,15 @@ class KinematicParticles:
         self._fixed_path.stop()
         self._fixed_path.begin(frame, index, target, self._dt)
 
-    def begin_frame(self, frame: int) -> None:
-        """What is not moved in this frame rests."""
+    def begin_frame(self, frame: int) -> bool:
+        """What is not moved in this frame rests; whether anything is moved."""
+        moves = False
         for path in (self._held_path, self._fixed_path):
-            if path.frame != frame:
+            if path.frame == frame:
+                moves = True
+            elif path.frame is not None:
                 path.stop()
+        return moves
 
     def reset(self) -> None:
         """Nothing is held or moves."""
