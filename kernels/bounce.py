@@ -13,7 +13,7 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.contact import friction_of
-from pbd_warp.kernels.precision import Real, Vec3, step_pass
+from pbd_warp.kernels.precision import Real, Vec3, index, step_pass
 
 
 @step_pass
@@ -58,7 +58,7 @@ def bounce(
     """Line 16. A particle's mass is split over its contacts, as in the projection, so momentum is kept."""
     if k >= count[0] or lam[k] <= Real(0.0):
         return
-    i = pair[k][0]
+    i = index(pair[k][0])
     j = pair[k][1]
     e = restitution
     w_i = w[i]

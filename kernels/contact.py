@@ -22,7 +22,7 @@ import warp as wp
 
 from pbd_warp.kernels.distance import distance
 from pbd_warp.kernels.divergence import CONTACTS
-from pbd_warp.kernels.precision import Real, Vec3, function, kernel, step_pass
+from pbd_warp.kernels.precision import Real, Vec3, function, index, kernel, step_pass
 
 
 @step_pass
@@ -244,7 +244,7 @@ def project_contact(
     """
     if k >= count[0]:
         return
-    i = pair[k][0]
+    i = index(pair[k][0])
     j = pair[k][1]
     w_i = w[i]
     w_j = Real(0.0)

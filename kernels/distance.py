@@ -14,7 +14,7 @@ from typing import Any
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Real, Vec3, kernel, step_pass
+from pbd_warp.kernels.precision import Real, Vec3, index, kernel, step_pass
 
 
 @wp.func
@@ -117,8 +117,8 @@ def project_distance(
     correction: wp.array[Vec3],  # [particle_count] [m], added to
 ):
     """Line 10 for distances: dlam = -(C + a lam) / (n_i w_i + n_j w_j + a), p += w dlam grad C."""
-    i = edge[k][0]
-    j = edge[k][1]
+    i = index(edge[k][0])
+    j = index(edge[k][1])
     w_i = w[i]
     w_j = w[j]
     weight = w_i + w_j

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Real, Vec3, step_pass
+from pbd_warp.kernels.precision import Real, Vec3, index, step_pass
 
 PARTICLE = wp.constant(0)  # places in `diverged`: the lowest particle that is not finite,
 EDGE = wp.constant(1)  # the lowest edge stretched beyond the limit,
@@ -43,7 +43,7 @@ def check_stretch(
     diverged: wp.array[wp.int32],  # [4]
 ):
     rest = rest_length[k]
-    d = x[edge[k][0]] - x[edge[k][1]]
+    d = x[index(edge[k][0])] - x[index(edge[k][1])]
     # Squares: a root a link would cost as much as all the rest.
     if wp.dot(d, d) > limit * (rest * rest) and rest > Real(0.0):
         wp.atomic_min(diverged, EDGE, k)

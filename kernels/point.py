@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Real, Vec3, step_pass
+from pbd_warp.kernels.precision import Real, Vec3, index, step_pass
 
 
 @step_pass
@@ -34,7 +34,7 @@ def project_point(
     correction: wp.array[Vec3],  # [particle_count] [m], added to
 ):
     """Line 10 for points: dlam = -(C + a lam) / (n_i w_i + a), p += w dlam."""
-    i = particle[k]
+    i = index(particle[k])
     weight = w[i]
     if valence:
         weight = Real(valence[i]) * weight

@@ -31,6 +31,13 @@ MODULES: list[str] = []
 """Names of all Warp modules made so far (the CUDA compile test goes through them)."""
 
 
+@wp.func_native("__builtin_assume(i >= 0); return i;")
+def index(i: wp.int32) -> wp.int32:
+    """An index that is not negative, which the compiler cannot know of one that was read from memory: it need not be
+    ready to count from the end then, which costs a third of a sweep (benchmarks/step.py)."""
+    ...
+
+
 class PrecisionFunction:
     """A `wp.func` in each precision, for kernels and passes of its file that need one with `Real` or `Vec3` in it."""
 

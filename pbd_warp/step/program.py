@@ -24,7 +24,8 @@ COMMON = (
     memory.zero,
     memory.copy,
     *(integrate.accelerate, integrate.predict, integrate.update),
-    *(damping.sum_momentum, damping.sum_angular_momentum, damping.find_rotation, damping.damp_velocities),
+    *(damping.sum_momentum, damping.divide_by_mass, damping.sum_angular_momentum),
+    *(damping.find_rotation, damping.damp_velocities),
     *(distance.project_distance, point.project_point, jacobi.add_corrections),
     divergence.check_stretch,
 )
@@ -37,7 +38,12 @@ CONTACTS = (
     *(contact.find_close_contacts, collider.find_collider_contacts, contact.note_overflow, contact.project_contact),
     *(bounce.count_active, bounce.bounce),
 )
-MACHINES = {"common": COMMON, "seldom": COMMON + SELDOM, "contacts": COMMON + SELDOM + CONTACTS}
+MACHINES = {
+    "common": COMMON,
+    "seldom": COMMON + SELDOM,
+    "contacts": COMMON + CONTACTS,
+    "everything": COMMON + SELDOM + CONTACTS,
+}
 """Passes of each machine, the smallest first: what a scene does not use need not be compiled for it."""
 
 
