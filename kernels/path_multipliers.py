@@ -9,8 +9,9 @@ and C_k'' = d_k . (a_{k+1} - a_k) + |d_k'|^2 = 0 makes lam [N/m] the solution of
     (w_k + w_{k+1}) |d_k|^2 lam_k - w_k d_{k-1}.d_k lam_{k-1} - w_{k+1} d_k.d_{k+1} lam_{k+1}
         = -|d_k'|^2 - d_k . (g_{k+1} - g_k)          g_k = g, or 0 for a particle that is held
 
-With -C_k or -d_k . d_k' on the right its solution puts positions back onto the lengths, or velocities onto their tangent,
-by the change that is least in the metric of the masses. The elimination goes along the path with 1 / pivot = `inverse`:
+With -C_k or -d_k . d_k' on the right its solution puts positions back onto the lengths, or velocities onto their
+tangent, by the change that is least in the metric of the masses. The elimination goes along the path, with `inverse`
+for 1 / pivot:
 
     lower_k = A_{k-1,k} inverse_{k-1},   inverse_k = 1 / (A_kk - A_{k-1,k} lower_k),
     y_k = (rhs_k - A_{k-1,k} y_{k-1}) inverse_k,   and back   lam_k = y_k - lower_{k+1} lam_{k+1}
@@ -39,8 +40,8 @@ def stage_move(
     time: Real,
     h: Real,
 ):
-    """Displacement since the start of the step [m] and velocity [m/s] of a place in a stage, from the accelerations k of
-    those before: a Runge-Kutta method applied to x' = v, v' = a, with v eliminated (Nystroem's form)."""
+    """Displacement since the start of the step [m] and velocity [m/s] of a place in a stage, from the
+    accelerations k of those before."""
     u = Vec3()
     dv = Vec3()
     row = stage * stage_count
@@ -151,7 +152,9 @@ def correct_path(
     v: wp.array[Vec3],
 ):
     """One solution that puts the positions x + u back onto the lengths, or the velocities v onto their tangent there.
-    Returns the largest error it found and the largest relative change that it made to a link, both over the lengths."""
+
+    Returns what it left of links that the others determine, and the largest square of a link's change in positions,
+    over lengths squared."""
     zero = Real(0.0)
     u_i = u[begin]
     v_i = v[begin]
@@ -159,7 +162,7 @@ def correct_path(
     d_before = Vec3()
     inverse = zero
     known = zero
-    worst = zero
+    left_out = zero
     for s in range(begin, end - 1):
         u_j = u[s + 1]
         v_j = v[s + 1]
@@ -181,11 +184,12 @@ def correct_path(
             if not of_velocities:
                 rest = rest_length[s]
                 c = Real(0.5) * (size - rest * rest)
-                if diagonal > zero:
-                    worst = wp.max(worst, wp.abs(c) / (rest * rest))
+            rhs = -c - off * known_before
             if pivot > vanishing * diagonal:
                 inverse = Real(1.0) / pivot
-                known = (-c - off * known_before) * inverse
+                known = rhs * inverse
+            elif diagonal > zero:
+                left_out = wp.max(left_out, wp.abs(rhs) / size)
         direction[s] = d
         lower[s] = coupling
         y[s] = known
@@ -222,4 +226,4 @@ def correct_path(
         if end - begin > 1:
             turn = change - change_i
             largest = wp.max(largest, wp.dot(turn, turn) / (rest_length[begin] * rest_length[begin]))
-    return worst, largest
+    return left_out, largest

@@ -31,8 +31,15 @@ class Tableau:
 
     @property
     def to_position(self) -> np.ndarray:
-        """The same for positions, times the step's length once more, and for the two estimates, [s + 3, s]."""
-        return np.vstack([self.a, self.b, self.e5, self.e3]) @ self.a
+        """The same for positions, times the step's length once more, [s + 1, s]."""
+        return self.to_velocity @ self.a
+
+    @property
+    def to_estimate(self) -> np.ndarray:
+        """Sums of accelerations, times the step's length squared, that estimate a step's error, [2, s]: that of the
+        position, and that of the velocity as the way it makes in one more step."""
+        e = np.vstack([self.e5, self.e3])
+        return e @ self.a + e
 
     def growth(self, z: complex) -> complex:
         """What one step of y' = z y makes of y = 1."""

@@ -12,14 +12,17 @@ from pbd_warp.errors import InputError
 from pbd_warp.kernels.explicit import make_frame
 from pbd_warp.model.model import Model, State
 from pbd_warp.step.integrators.coefficients import DOP853, Tableau
-from pbd_warp.step.integrators.pieces import Pieces
+from pbd_warp.step.integrators.pieces import Graph, Pieces
 from pbd_warp.step.launch import Launcher
 
 MOST_STEPS = 100_000
 """In a frame. A piece that needs more stays where it is and counts as failed."""
 
-VANISHING = {"float32": 1e-5, "float64": 1e-12}
-"""A pivot under this part of its diagonal is that of a link that others determine already."""
+VANISHING = 64.0
+"""A pivot under so many machine epsilons of its diagonal is that of a link that others determine already."""
+
+NOTHING = int(np.iinfo(np.int32).max)
+"""In `failed`: no piece."""
 
 
 class ExplicitFrame:
@@ -57,42 +60,50 @@ class ExplicitFrame:
         auto = substeps == "auto"
         self._error = check.number("error", error, above=0.0) if auto else 0.0
         self._longest = 1.0 if auto else 1.0 / check.whole("substeps", substeps, low=1)
-        self._dt, self._launch, self._model = dt, launch, model
-        pieces = Pieces.of(model.particle_count, model.distance.edge)
-        self._piece_count = len(pieces.is_path)
-        place_count = model.particle_count
+        self._launch = launch
         real, vec3, device = model.real, model.vec3, model.device
 
         def upload(values: Any, dtype: type = real) -> wp.array:
             return wp.array(np.ascontiguousarray(values), dtype=dtype, device=device)
 
-        def scratch(count: int, dtype: type) -> wp.array:
+        def scratch(count: int, dtype: type = real) -> wp.array:
             return wp.zeros(count, dtype=dtype, device=device)
 
         distance = model.distance
-        stages = len(tableau.b)
+        pieces = Pieces.of(model.particle_count, distance.edge)
+        graph = Graph.of(pieces, distance)
+        place_count = model.particle_count
+        self._piece_count = len(pieces.is_path)
         compliance = None
-        if np.any(distance.compliance > 0.0):
+        if np.any(distance.compliance[pieces.link[pieces.link >= 0]] > 0.0):
             compliance = upload(_along(distance.compliance, pieces.link, 0.0))
         point = None
         if len(model.point):
             at = np.full(model.particle_count, -1)
             at[model.point.particle] = np.arange(len(model.point))
             point = upload(at[pieces.vertex], wp.int32)
+        stages = len(tableau.b)
+        links = len(graph.length)
+        epsilon = float(np.finfo(model.dtype).eps)
         self.steps_used = scratch(self._piece_count, wp.int32)
-        self.failed = scratch(1, wp.int32)
+        self.failed = wp.full(1, NOTHING, dtype=wp.int32, device=device)
         self._step = wp.full(self._piece_count, 1.0, dtype=real, device=device)
         self._arguments = [
-            vec3(*model.gravity), upload(pieces.first, wp.int32), upload(pieces.vertex, wp.int32),
-            upload(_along(distance.rest_length, pieces.link, 1.0)), compliance, point, point_target,
-            stages, upload(tableau.to_position.ravel()), upload(tableau.to_velocity.ravel()), upload(tableau.c),
-            self._error, self._longest, MOST_STEPS,
-            16.0 * float(np.finfo(model.dtype).eps), VANISHING[model.dtype],
+            vec3(*model.gravity), upload(pieces.first, wp.int32), upload(pieces.vertex, wp.int32), point, point_target,
+            upload(pieces.is_path, wp.int32), upload(_along(distance.rest_length, pieces.link, 1.0)), compliance,
+            upload(graph.link_first, wp.int32), upload(graph.ends, wp.vec2i), upload(graph.length),
+            *(upload(array, wp.int32) for array in graph.schedule),
+            upload(graph.spring_first, wp.int32), upload(graph.spring_ends, wp.vec2i),
+            upload(graph.spring_length), upload(graph.spring_compliance),
+            stages, upload(tableau.c), upload(tableau.to_position.ravel()), upload(tableau.to_velocity.ravel()),
+            upload(tableau.to_estimate.ravel()), self._error, self._longest, MOST_STEPS,
+            16.0 * epsilon, VANISHING * epsilon,
             dt, w, grabbed, grab_target,
             state.x, state.v, self._step,
-            scratch(place_count, vec3), scratch(place_count, vec3), scratch(place_count, real),
+            scratch(place_count, vec3), scratch(place_count, vec3), scratch(place_count),
             scratch(place_count, vec3), scratch(place_count, vec3), scratch(place_count, vec3),
-            scratch(place_count, real), scratch(place_count, real), scratch(place_count * stages, vec3),
+            scratch(place_count), scratch(place_count), scratch(place_count * stages, vec3),
+            scratch(links, vec3), scratch(links), scratch(links), scratch(links, wp.int32), scratch(graph.slots),
             self.steps_used, self.failed,
         ]  # fmt: skip
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+
+from pbd_warp.step.constraints.distance import DistanceSet
+from pbd_warp.step.integrators.line_graph import Elimination
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ class Pieces:
                         stack.append(to)
             path = len(ways) == len(members) - 1 and bool(np.all(degree[members] <= 2))
             if path:  # depth first from an end: members are in its order
-                came = [next(number for to, number in around[a] if to == b) for a, b in zip(members, members[1:], strict=False)]
+                came = [next(number for to, number in around[a] if to == b) for a, b in pairwise(members)]
                 link += [*came, -1]
             else:
                 edges[len(is_path)] = np.array(sorted(ways), np.int32)
@@ -60,3 +64,48 @@ class Pieces:
             first.append(len(vertex))
         as_int = lambda values: np.array(values, np.int32)  # noqa: E731
         return cls(as_int(first), as_int(vertex), np.array(is_path, bool), as_int(link), edges)
+
+
+@dataclass(frozen=True)
+class Graph:
+    """What the pieces that are no paths are made of, numbered by places.
+
+    link_first: int32 [piece_count + 1]. ends: int32 [link_count, 2]. length: [link_count] [m], of the rigid links in
+    the order of their elimination. schedule: the other arrays
+    of `Elimination`, all pieces' in one. slots: of the factor.
+    spring_first, spring_ends, spring_length, spring_compliance: the same of compliant distances [m, m/N].
+    """
+
+    link_first: np.ndarray
+    ends: np.ndarray
+    length: np.ndarray
+    schedule: list[np.ndarray]
+    slots: int
+    spring_first: np.ndarray
+    spring_ends: np.ndarray
+    spring_length: np.ndarray
+    spring_compliance: np.ndarray
+
+    @classmethod
+    def of(cls, pieces: Pieces, distance: DistanceSet) -> Graph:
+        place = np.empty(len(pieces.vertex), np.int64)
+        place[pieces.vertex] = np.arange(len(pieces.vertex))
+        links, springs = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+        link_first, spring_first = [0], [0]
+        for piece in range(len(pieces.is_path)):
+            edges = pieces.edges.get(piece, np.zeros(0, np.int64))
+            soft = distance.compliance[edges] > 0.0
+            links.append(edges[~soft])
+            springs.append(edges[soft])
+            link_first.append(link_first[-1] + int(np.sum(~soft)))
+            spring_first.append(spring_first[-1] + int(np.sum(soft)))
+        link, spring = np.concatenate(links), np.concatenate(springs)
+        # Pieces share no particle: one elimination of all, sorted by piece, is each one's own.
+        e = Elimination.of(place[distance.edge[link]], np.repeat(np.arange(len(links) - 1), np.diff(link_first)))
+        link = link[e.order]
+        return cls(
+            np.array(link_first, np.int32), place[distance.edge[link]].astype(np.int32), distance.rest_length[link],
+            [e.first, e.row, e.row_first, e.row_slot, e.row_column, e.shared_first, e.shared_slot, e.shared_place],
+            len(e.row), np.array(spring_first, np.int32), place[distance.edge[spring]].astype(np.int32),
+            distance.rest_length[spring], distance.compliance[spring],
+        )  # fmt: skip

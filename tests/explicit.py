@@ -1,0 +1,81 @@
+"""What the tests of the explicit integrator share: a harness, and the differential equations of any rigid graph."""
+
+import numpy as np
+import warp as wp
+from scipy.integrate import solve_ivp
+
+from pbd_warp.model.model import State
+from pbd_warp.step.integrators.dop853 import NOTHING, ExplicitFrame
+from pbd_warp.step.launch import Launcher
+
+DT = 1.0 / 60.0
+
+
+class Frames:
+    """A model from its initial state, frame by frame."""
+
+    def __init__(self, model, dt=DT, **settings):
+        def upload(values, dtype):
+            return wp.array(np.asarray(values), dtype=dtype, device=model.device)
+
+        self.state = State(x=upload(model.x, model.vec3), v=upload(model.v, model.vec3))
+        self.w = upload(model.w, model.real)
+        self.grabbed, self.grab_target = upload([-1], wp.int32), upload(np.zeros((1, 3)), model.vec3)
+        self.target = upload(model.point.target, model.vec3) if len(model.point) else None
+        held = (self.w, self.grabbed, self.grab_target, self.target)
+        self.frame = ExplicitFrame(model, dt, self.state, *held, Launcher(model.device, model.real), **settings)
+        self.steps = 0
+
+    def step(self, frames=1):
+        """Frames, each of which has to succeed."""
+        for _ in range(frames):
+            self.frame.step_frame()
+            self.steps += self.frame.substeps_used
+            assert self.frame.failed.numpy()[0] == NOTHING
+        return self
+
+    @property
+    def x(self):
+        return self.state.x.numpy().astype(np.float64)
+
+    @property
+    def v(self):
+        return self.state.v.numpy().astype(np.float64)
+
+
+def motion(model, time, led=(), velocity=None, rtol=1e-12, atol=1e-13):
+    """Positions and velocities [particle_count, 3] after a time: M a = f + J^T lam with C'' = 0, least squares where
+    constraints are redundant. `led` particles have no mass and the constant `velocity`."""
+    x0, v0, w = model.x.copy(), model.v.copy(), model.w.copy()
+    w[list(led)] = 0.0
+    if len(led):
+        v0[list(led)] = velocity
+    n, edge, distance = len(w), model.distance.edge, model.distance
+    i, j = edge.T
+    soft = distance.compliance > 0.0
+    rigid = np.flatnonzero(~soft & (w[i] + w[j] > 0.0))
+    inverse_mass = np.repeat(w, 3)
+    g = np.where(w[:, None] > 0.0, model.gravity, 0.0)
+
+    def rate(t, state):
+        x, v = state.reshape(2, n, 3)
+        d, d_rate = x[j] - x[i], v[j] - v[i]
+        a = g.copy()
+        for k in np.flatnonzero(soft):
+            length = np.linalg.norm(d[k])
+            force = (length - distance.rest_length[k]) / distance.compliance[k] * d[k] / length
+            a[i[k]] += w[i[k]] * force
+            a[j[k]] -= w[j[k]] * force
+        jacobian = np.zeros((len(rigid), n, 3))
+        row = np.arange(len(rigid))
+        jacobian[row, j[rigid]] += d[rigid]
+        jacobian[row, i[rigid]] -= d[rigid]
+        jacobian = jacobian.reshape(len(rigid), 3 * n)
+        b = -(jacobian @ a.ravel()) - np.sum(d_rate[rigid] ** 2, axis=1)
+        lam = np.linalg.lstsq(jacobian * inverse_mass @ jacobian.T, b, rcond=1e-11)[0]
+        return np.concatenate([v.ravel(), a.ravel() + inverse_mass * (lam @ jacobian)])
+
+    start = np.concatenate([x0.ravel(), v0.ravel()])
+    solution = solve_ivp(rate, (0.0, time), start, "DOP853", rtol=rtol, atol=atol)
+    assert solution.success
+    return tuple(solution.y[:, -1].reshape(2, n, 3))
