@@ -31,8 +31,14 @@ class Frames:
         for _ in range(frames):
             self.frame.step_frame()
             self.steps += self.frame.substeps_used
-            assert self.frame.failed.numpy()[0] == NOTHING
+            assert self.failed is None
         return self
+
+    @property
+    def failed(self):
+        """The first particle of a piece that failed."""
+        particle = int(self.frame.failed.numpy()[0])
+        return None if particle == NOTHING else particle
 
     @property
     def x(self):
@@ -75,7 +81,14 @@ def motion(model, time, led=(), velocity=None, rtol=1e-12, atol=1e-13):
         lam = np.linalg.lstsq(jacobian * inverse_mass @ jacobian.T, b, rcond=1e-11)[0]
         return np.concatenate([v.ravel(), a.ravel() + inverse_mass * (lam @ jacobian)])
 
-    start = np.concatenate([x0.ravel(), v0.ravel()])
+    # A held particle's velocity is there at once: the impulse that takes the others onto the tangent.
+    d = x0[j[rigid]] - x0[i[rigid]]
+    jacobian = np.zeros((len(rigid), n, 3))
+    jacobian[np.arange(len(rigid)), j[rigid]] += d
+    jacobian[np.arange(len(rigid)), i[rigid]] -= d
+    jacobian = jacobian.reshape(len(rigid), 3 * n)
+    impulse = np.linalg.lstsq(jacobian * inverse_mass @ jacobian.T, -(jacobian @ v0.ravel()), rcond=1e-11)[0]
+    start = np.concatenate([x0.ravel(), v0.ravel() + inverse_mass * (impulse @ jacobian)])
     solution = solve_ivp(rate, (0.0, time), start, "DOP853", rtol=rtol, atol=atol)
     assert solution.success
     return tuple(solution.y[:, -1].reshape(2, n, 3))
