@@ -22,7 +22,7 @@ import warp as wp
 
 from pbd_warp.kernels.graph_multipliers import accelerate_graph, correct_graph
 from pbd_warp.kernels.path_multipliers import accelerate_path, correct_path
-from pbd_warp.kernels.precision import Real, Vec3, func, kernel
+from pbd_warp.kernels.precision import BLOCK, Block, Real, Vec3, func, kernel
 
 SAFETY = wp.constant(0.9)
 LARGEST_GROWTH = wp.constant(5.0)
@@ -38,52 +38,64 @@ CORRECTIONS = wp.constant(8)
 
 
 @func
-def finish(
-    begin: wp.int32,
+def advance(
+    begin: wp.int32,  # blocks
     end: wp.int32,
+    row: wp.int32,
+    terms: wp.int32,
     stage_count: wp.int32,
     to_position: wp.array[Real],
     to_velocity: wp.array[Real],
-    to_estimate: wp.array[Real],
+    time: Real,
     h: Real,
-    round_off: Real,
-    k: wp.array[Vec3],
-    v: wp.array[Vec3],
-    u: wp.array[Vec3],
-    v_next: wp.array[Vec3],
+    k: wp.array[Block],
+    v: wp.array[Block],
+    u_next: wp.array[Block],
+    v_next: wp.array[Block],
 ):
-    """The step's displacement and velocity; returns the estimate of its error and what of it may be rounding [m], the
-    former not finite where they are not."""
-    row = stage_count * stage_count
-    worst5 = Real(0.0)
-    worst3 = Real(0.0)
-    bent = Real(0.0)
+    """Displacements since the start of the step, and velocities, in a stage or at the end: `terms` accelerations'."""
+    for m in range(begin, end):
+        p = Block()
+        dv = Block()
+        for j in range(terms):
+            a = k[m * stage_count + j]
+            p = p + to_position[row * stage_count + j] * a
+            dv = dv + to_velocity[row * stage_count + j] * a
+        v_m = v[m]
+        u_next[m] = h * (time * v_m + h * p)
+        v_next[m] = v_m + h * dv
+
+
+@func
+def combine(
+    begin: wp.int32,
+    end: wp.int32,
+    row: wp.int32,
+    stage_count: wp.int32,
+    weights: wp.array[Real],
+    k: wp.array[Block],
+    result: wp.array[Block],
+):
+    """Sums of all accelerations."""
+    for m in range(begin, end):
+        total = Block()
+        for j in range(stage_count):
+            total = total + weights[row * stage_count + j] * k[m * stage_count + j]
+        result[m] = total
+
+
+@func
+def largest(begin: wp.int32, end: wp.int32, a: wp.array[Vec3]):
+    """The largest square, not finite where one is not: a maximum may lose what is not a number."""
+    worst = Real(0.0)
     total = Real(0.0)
     for s in range(begin, end):
-        p = Vec3()
-        dv = Vec3()
-        e5 = Vec3()
-        e3 = Vec3()
-        for j in range(stage_count):
-            a = k[s * stage_count + j]
-            p = p + to_position[row + j] * a
-            dv = dv + to_velocity[row + j] * a
-            e5 = e5 + to_estimate[j] * a
-            e3 = e3 + to_estimate[stage_count + j] * a
-        v_s = v[s]
-        u[s] = h * (v_s + h * p)
-        v_next[s] = v_s + h * dv
-        square = wp.dot(e5, e5)
-        worst5 = wp.max(worst5, square)
-        worst3 = wp.max(worst3, wp.dot(e3, e3))
-        bent = wp.max(bent, wp.dot(p, p))
+        square = wp.dot(a[s], a[s])
+        worst = wp.max(worst, square)
         total = total + square
-    estimate = total  # not finite: a maximum may lose what is not a number
-    if worst5 == Real(0.0):
-        estimate = Real(0.0)
-    elif wp.isfinite(total):
-        estimate = (h * h) * worst5 / wp.sqrt(worst5 + Real(0.01) * worst3)
-    return estimate, (round_off * h * h) * wp.sqrt(bent)
+    if wp.isfinite(total):
+        return worst
+    return total
 
 
 @func
@@ -155,7 +167,8 @@ def project(
 def make_frame(
     # Model:
     gravity: Vec3,  # [m/s^2]
-    piece_first: wp.array[wp.int32],  # [piece_count + 1] where each piece begins in `vertex`
+    piece_first: wp.array[wp.int32],  # [piece_count] where each piece begins in `vertex`, a multiple of BLOCK
+    piece_end: wp.array[wp.int32],  # [piece_count] and ends
     vertex: wp.array[wp.int32],  # [place_count] particles, one piece after the other, along the paths
     point: wp.array[wp.int32],  # [place_count] point constraint that locks the place, -1 for none; or None: no points
     target: wp.array[Vec3],  # [point_count] [m]
@@ -208,7 +221,16 @@ def make_frame(
     direction: wp.array[Vec3],
     lower: wp.array[Real],
     y: wp.array[Real],
-    k: wp.array[Vec3],  # [place_count, stage_count] accelerations [m/s^2]
+    error5: wp.array[Vec3],
+    error3: wp.array[Vec3],
+    k: wp.array[Vec3],  # [blocks, stage_count, BLOCK] accelerations [m/s^2]
+    # The same memory, by blocks:
+    v_blocks: wp.array[Block],
+    u_blocks: wp.array[Block],
+    v_next_blocks: wp.array[Block],
+    error5_blocks: wp.array[Block],
+    error3_blocks: wp.array[Block],
+    k_blocks: wp.array[Block],
     # Scratch, [link_count]:
     link_direction: wp.array[Vec3],
     link_inverse: wp.array[Real],
@@ -221,7 +243,9 @@ def make_frame(
 ):
     piece = wp.tid()
     begin = piece_first[piece]
-    end = piece_first[piece + 1]
+    end = piece_end[piece]
+    block_begin = begin / BLOCK
+    block_end = (end + BLOCK - 1) / BLOCK
     is_path = path[piece] == 1
     link_begin = link_first[piece]
     link_end = link_first[piece + 1]
@@ -266,28 +290,42 @@ def make_frame(
         part = left / count
         h = part * dt
         for stage in range(first_stage, stage_count):
+            advance(
+                block_begin, block_end, stage, stage, stage_count, to_position, to_velocity, stage_time[stage], h,
+                k_blocks, v_blocks, u_blocks, v_next_blocks,
+            )  # fmt: skip
             if is_path:
                 accelerate_path(
-                    begin, end, gravity, rest_length, compliance, x, v, w,
-                    stage, stage_count, to_position, to_velocity, stage_time[stage], h,
-                    vanishing, direction, lower, y, k,
+                    begin, end, gravity, rest_length, compliance, x, w, u, v_next,
+                    stage, stage_count, vanishing, direction, lower, y, k,
                 )  # fmt: skip
             else:
                 accelerate_graph(
                     begin, end, link_begin, link_end, spring_first[piece], spring_first[piece + 1], gravity,
                     ends, first, row, row_first, row_slot, row_column, shared_first, shared_slot, shared_place,
-                    spring_ends, spring_length, spring_compliance, x, v, w,
-                    stage, stage_count, to_position, to_velocity, stage_time[stage], h,
-                    vanishing, u, v_next, link_direction, where, factor, link_inverse, link_y, k,
+                    spring_ends, spring_length, spring_compliance, x, w, u, v_next,
+                    stage, stage_count, vanishing, link_direction, where, factor, link_inverse, link_y, k,
                 )  # fmt: skip
-        estimate, rounding = finish(
-            begin, end, stage_count, to_position, to_velocity, to_estimate, h, round_off, k, v, u, v_next
-        )
+        advance(
+            block_begin, block_end, stage_count, stage_count, stage_count, to_position, to_velocity, one, h,
+            k_blocks, v_blocks, u_blocks, v_next_blocks,
+        )  # fmt: skip
 
         change = one
         accepted = bool(True)
         if error > zero:
-            allowed = Real(PESSIMISM) * error * h + rounding
+            combine(block_begin, block_end, 0, stage_count, to_estimate, k_blocks, error5_blocks)
+            combine(block_begin, block_end, 1, stage_count, to_estimate, k_blocks, error3_blocks)
+            worst5 = largest(begin, end, error5)
+            estimate = worst5
+            if worst5 > zero and wp.isfinite(worst5):
+                estimate = (h * h) * worst5 / wp.sqrt(worst5 + Real(0.01) * largest(begin, end, error3))
+            # What of it may be rounding: some of the bent part of the way.
+            bent = zero
+            for s in range(begin, end):
+                way = u[s] - h * v[s]
+                bent = wp.max(bent, wp.dot(way, way))
+            allowed = Real(PESSIMISM) * error * h + round_off * wp.sqrt(bent)
             accepted = estimate <= allowed
             change = Real(LARGEST_GROWTH)
             if not wp.isfinite(estimate):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.path_multipliers import stage_move
+from pbd_warp.kernels.path_multipliers import in_block
 from pbd_warp.kernels.precision import Real, Vec3, func
 
 
@@ -106,17 +106,12 @@ def accelerate_graph(
     spring_length: wp.array[Real],
     spring_compliance: wp.array[Real],
     x: wp.array[Vec3],
-    v: wp.array[Vec3],
     w: wp.array[Real],
+    u: wp.array[Vec3],
+    v: wp.array[Vec3],
     stage: wp.int32,
     stage_count: wp.int32,
-    to_position: wp.array[Real],
-    to_velocity: wp.array[Real],
-    time: Real,
-    h: Real,
     vanishing: Real,
-    stage_u: wp.array[Vec3],
-    stage_v: wp.array[Vec3],
     direction: wp.array[Vec3],
     where: wp.array[wp.int32],
     factor: wp.array[Real],
@@ -124,30 +119,31 @@ def accelerate_graph(
     y: wp.array[Real],
     k: wp.array[Vec3],
 ):
-    """Accelerations of a stage: k of this stage from those before."""
+    """As accelerate_path."""
     zero = Real(0.0)
     for s in range(begin, end):
-        u_s, v_s = stage_move(s, v, k, stage, stage_count, to_position, to_velocity, time, h)
-        stage_u[s] = u_s
-        stage_v[s] = v_s
         free = Vec3()
         if w[s] > zero:
             free = gravity
-        k[s * stage_count + stage] = free
+        k[in_block(s, stage, stage_count)] = free
     for q in range(spring_begin, spring_end):
         i = spring_ends[q][0]
         j = spring_ends[q][1]
-        d = (x[j] - x[i]) + (stage_u[j] - stage_u[i])
+        at_i = in_block(i, stage, stage_count)
+        at_j = in_block(j, stage, stage_count)
+        d = (x[j] - x[i]) + (u[j] - u[i])
         pull = ((spring_length[q] / wp.length(d) - Real(1.0)) / spring_compliance[q]) * d
-        k[i * stage_count + stage] = k[i * stage_count + stage] - w[i] * pull
-        k[j * stage_count + stage] = k[j * stage_count + stage] + w[j] * pull
+        k[at_i] = k[at_i] - w[i] * pull
+        k[at_j] = k[at_j] + w[j] * pull
     for q in range(link_begin, link_end):
         i = ends[q][0]
         j = ends[q][1]
-        d = (x[j] - x[i]) + (stage_u[j] - stage_u[i])
-        rate = stage_v[j] - stage_v[i]
+        at_i = in_block(i, stage, stage_count)
+        at_j = in_block(j, stage, stage_count)
+        d = (x[j] - x[i]) + (u[j] - u[i])
+        rate = v[j] - v[i]
         direction[q] = d
-        y[q] = -wp.dot(rate, rate) - wp.dot(d, k[j * stage_count + stage] - k[i * stage_count + stage])
+        y[q] = -wp.dot(rate, rate) - wp.dot(d, k[at_j] - k[at_i])
     solve_graph(
         link_begin, link_end, ends, first, row, row_first, row_slot, row_column,
         shared_first, shared_slot, shared_place, w, direction, vanishing, where, factor, inverse, y,
@@ -155,9 +151,11 @@ def accelerate_graph(
     for q in range(link_begin, link_end):
         i = ends[q][0]
         j = ends[q][1]
+        at_i = in_block(i, stage, stage_count)
+        at_j = in_block(j, stage, stage_count)
         pull = y[q] * direction[q]
-        k[i * stage_count + stage] = k[i * stage_count + stage] - w[i] * pull
-        k[j * stage_count + stage] = k[j * stage_count + stage] + w[j] * pull
+        k[at_i] = k[at_i] - w[i] * pull
+        k[at_j] = k[at_j] + w[j] * pull
 
 
 @func

@@ -25,33 +25,13 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Real, Vec3, func
+from pbd_warp.kernels.precision import BLOCK, Real, Vec3, func
 
 
-@func
-def stage_move(
-    s: wp.int32,
-    v: wp.array[Vec3],
-    k: wp.array[Vec3],
-    stage: wp.int32,
-    stage_count: wp.int32,
-    to_position: wp.array[Real],
-    to_velocity: wp.array[Real],
-    time: Real,
-    h: Real,
-):
-    """Displacement since the start of the step [m] and velocity [m/s] of a place in a stage, from the
-    accelerations k of those before."""
-    u = Vec3()
-    dv = Vec3()
-    row = stage * stage_count
-    first = s * stage_count
-    for j in range(stage):
-        a = k[first + j]
-        u = u + to_position[row + j] * a
-        dv = dv + to_velocity[row + j] * a
-    v_s = v[s]
-    return h * (time * v_s + h * u), v_s + h * dv
+@wp.func
+def in_block(s: wp.int32, stage: wp.int32, stage_count: wp.int32):
+    """Where the acceleration of a place in a stage is: by blocks of places, in them by stages."""
+    return ((s / BLOCK) * stage_count + stage) * BLOCK + s % BLOCK
 
 
 @func
@@ -62,42 +42,42 @@ def accelerate_path(
     rest_length: wp.array[Real],
     compliance: wp.array[Real],
     x: wp.array[Vec3],
-    v: wp.array[Vec3],
     w: wp.array[Real],
+    u: wp.array[Vec3],
+    v: wp.array[Vec3],
     stage: wp.int32,
     stage_count: wp.int32,
-    to_position: wp.array[Real],
-    to_velocity: wp.array[Real],
-    time: Real,
-    h: Real,
     vanishing: Real,
     direction: wp.array[Vec3],
     lower: wp.array[Real],
     y: wp.array[Real],
     k: wp.array[Vec3],
 ):
-    """Accelerations of a stage: k of this stage from those before."""
+    """Accelerations of a stage, at the positions x + u with the velocities v."""
     zero = Real(0.0)
-    u_i, v_i = stage_move(begin, v, k, stage, stage_count, to_position, to_velocity, time, h)
+    u_i = u[begin]
+    v_i = v[begin]
     w_i = w[begin]
     d_before = Vec3()
     inverse = zero
     known = zero
     for s in range(begin, end - 1):
-        u_j, v_j = stage_move(s + 1, v, k, stage, stage_count, to_position, to_velocity, time, h)
+        u_j = u[s + 1]
+        v_j = v[s + 1]
         w_j = w[s + 1]
         d = (x[s + 1] - x[s]) + (u_j - u_i)
         rate = v_j - v_i
         size = wp.dot(d, d)
         off = -w_i * wp.dot(d_before, d)
-        coupling = off * inverse
+        square = off * off
         rhs = -wp.dot(rate, rate) - off * known
         if w_i == zero and w_j > zero:
             rhs = rhs - wp.dot(d, gravity)
         if w_j == zero and w_i > zero:
             rhs = rhs + wp.dot(d, gravity)
         diagonal = (w_i + w_j) * size
-        pivot = diagonal - off * coupling
+        lower[s] = off * inverse
+        pivot = diagonal - square * inverse  # not off * coupling, which would be one multiplication later
         inverse = zero
         known = zero
         if pivot > vanishing * diagonal:
@@ -108,7 +88,6 @@ def accelerate_path(
                 inverse = zero
                 known = (rest_length[s] / wp.sqrt(size) - Real(1.0)) / compliance[s]
         direction[s] = d
-        lower[s] = coupling
         y[s] = known
         d_before = d
         u_i = u_j
@@ -126,13 +105,13 @@ def accelerate_path(
         a = Vec3()
         if w_i > zero:
             a = gravity + w_i * (pull - ahead)
-        k[(s + 1) * stage_count + stage] = a
+        k[in_block(s + 1, stage, stage_count)] = a
         w_i = w[s]
         ahead = pull
     a = Vec3()
     if w_i > zero:
         a = gravity - w_i * ahead
-    k[begin * stage_count + stage] = a
+    k[in_block(begin, stage, stage_count)] = a
 
 
 @func
@@ -170,9 +149,10 @@ def correct_path(
         d = (x[s + 1] - x[s]) + (u_j - u_i)
         size = wp.dot(d, d)
         off = -w_i * wp.dot(d_before, d)
-        coupling = off * inverse
+        square = off * off
         diagonal = (w_i + w_j) * size
-        pivot = diagonal - off * coupling
+        lower[s] = off * inverse
+        pivot = diagonal - square * inverse  # not off * coupling, which would be one multiplication later
         rigid = bool(True)
         if compliance:
             rigid = compliance[s] == zero
@@ -191,7 +171,6 @@ def correct_path(
             elif diagonal > zero:
                 left_out = wp.max(left_out, wp.abs(rhs) / size)
         direction[s] = d
-        lower[s] = coupling
         y[s] = known
         d_before = d
         u_i = u_j

@@ -18,9 +18,13 @@ Real = wp.float32
 Vec3 = wp.vec3f
 Mat33 = wp.mat33f
 
+BLOCK = wp.constant(8)
+"""Places whose vectors lie in one `Block`: what runs over blocks is compiled to the widest instructions there are."""
+Block = wp.types.vector(24, wp.float32)
+
 PRECISIONS = {
-    wp.float32: {"Real": wp.float32, "Vec3": wp.vec3f, "Mat33": wp.mat33f},
-    wp.float64: {"Real": wp.float64, "Vec3": wp.vec3d, "Mat33": wp.mat33d},
+    wp.float32: {"Real": wp.float32, "Vec3": wp.vec3f, "Mat33": wp.mat33f, "Block": Block},
+    wp.float64: {"Real": wp.float64, "Vec3": wp.vec3d, "Mat33": wp.mat33d, "Block": wp.types.vector(24, wp.float64)},
 }
 
 MODULES: list[str] = []

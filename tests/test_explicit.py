@@ -106,7 +106,7 @@ def test_a_path_moves_the_same_by_either_elimination(monkeypatch):
     def no_path(count, edge):
         p = of(count, edge)
         nowhere = np.full_like(p.link, -1)
-        return pieces.Pieces(p.first, p.vertex, ~p.is_path, nowhere, {0: np.arange(len(edge), dtype=np.int32)})
+        return pieces.Pieces(p.first, p.end, p.vertex, ~p.is_path, nowhere, {0: np.arange(len(edge), dtype=np.int32)})
 
     monkeypatch.setattr(pieces.Pieces, "of", no_path)
     general = Frames(model, substeps=3).step(10)

@@ -10,6 +10,7 @@ import warp as wp
 from pbd_warp import check
 from pbd_warp.errors import InputError
 from pbd_warp.kernels.explicit import make_frame
+from pbd_warp.kernels.precision import BLOCK, PRECISIONS
 from pbd_warp.model.model import Model, State
 from pbd_warp.step.integrators.coefficients import DOP853, Tableau
 from pbd_warp.step.integrators.pieces import Graph, Pieces
@@ -69,17 +70,22 @@ class ExplicitFrame:
         def scratch(count: int, dtype: type = real) -> wp.array:
             return wp.zeros(count, dtype=dtype, device=device)
 
+        def by_blocks(array: wp.array) -> wp.array:
+            """The same memory, which the argument list keeps alive."""
+            count = array.size // int(BLOCK)
+            return wp.array(ptr=array.ptr, dtype=PRECISIONS[real]["Block"], shape=count, device=device)
+
         distance = model.distance
         pieces = Pieces.of(model.particle_count, distance.edge)
         graph = Graph.of(pieces, distance)
-        place_count = model.particle_count
+        place_count = len(pieces.vertex)
         self._piece_count = len(pieces.is_path)
         compliance = None
         if np.any(distance.compliance[pieces.link[pieces.link >= 0]] > 0.0):
             compliance = upload(_along(distance.compliance, pieces.link, 0.0))
         point = None
         if len(model.point):
-            at = np.full(model.particle_count, -1)
+            at = np.full(model.particle_count + 1, -1)
             at[model.point.particle] = np.arange(len(model.point))
             point = upload(at[pieces.vertex], wp.int32)
         stages = len(tableau.b)
@@ -88,8 +94,11 @@ class ExplicitFrame:
         self.steps_used = scratch(self._piece_count, wp.int32)
         self.failed = wp.full(1, NOTHING, dtype=wp.int32, device=device)
         self._step = wp.full(self._piece_count, 1.0, dtype=real, device=device)
+        v, u, v_next, error5, error3 = (scratch(place_count, vec3) for _ in range(5))
+        k = scratch(place_count * stages, vec3)
         self._arguments = [
-            vec3(*model.gravity), upload(pieces.first, wp.int32), upload(pieces.vertex, wp.int32), point, point_target,
+            vec3(*model.gravity), upload(pieces.first, wp.int32), upload(pieces.end, wp.int32),
+            upload(pieces.vertex, wp.int32), point, point_target,
             upload(pieces.is_path, wp.int32), upload(_along(distance.rest_length, pieces.link, 1.0)), compliance,
             upload(graph.link_first, wp.int32), upload(graph.ends, wp.vec2i), upload(graph.length),
             *(upload(array, wp.int32) for array in graph.schedule),
@@ -100,9 +109,9 @@ class ExplicitFrame:
             16.0 * epsilon, VANISHING * epsilon,
             dt, w, grabbed, grab_target,
             state.x, state.v, self._step,
-            scratch(place_count, vec3), scratch(place_count, vec3), scratch(place_count),
-            scratch(place_count, vec3), scratch(place_count, vec3), scratch(place_count, vec3),
-            scratch(place_count), scratch(place_count), scratch(place_count * stages, vec3),
+            scratch(place_count, vec3), v, scratch(place_count), u, v_next,
+            scratch(place_count, vec3), scratch(place_count), scratch(place_count), error5, error3, k,
+            *(by_blocks(array) for array in (v, u, v_next, error5, error3, k)),
             scratch(links, vec3), scratch(links), scratch(links), scratch(links, wp.int32), scratch(graph.slots),
             self.steps_used, self.failed,
         ]  # fmt: skip

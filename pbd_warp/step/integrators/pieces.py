@@ -7,20 +7,23 @@ from itertools import pairwise
 
 import numpy as np
 
+from pbd_warp.kernels.precision import BLOCK
 from pbd_warp.step.constraints.distance import DistanceSet
 from pbd_warp.step.integrators.line_graph import Elimination
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """Places: all particles, one connected piece after the other, those of a path in its order.
+    """Places: all particles, one connected piece after the other, those of a path in its order, each from a multiple of
+    BLOCK on.
 
-    first: int32 [piece_count + 1], where each piece begins in `vertex`. vertex: int32 [particle_count], the particle at
-    each place. is_path: bool [piece_count]. link: int32 [particle_count], of a path: the edge from each place to the
-    next, -1 for none. edges: of each piece that is no path, its edges, int32.
+    first, end: int32 [piece_count], where each piece begins and ends in `vertex`. vertex: int32 [place_count], the
+    particle at each place, -1 at those left out. is_path: bool [piece_count]. link: int32 [place_count], of a path: the
+    edge from each place to the next, -1 for none. edges: of each piece that is no path, its edges, int32.
     """
 
     first: np.ndarray
+    end: np.ndarray
     vertex: np.ndarray
     is_path: np.ndarray
     link: np.ndarray
@@ -35,7 +38,9 @@ class Pieces:
         degree = np.array([len(a) for a in around], dtype=np.int64)
         vertex: list[int] = []
         link: list[int] = []
-        first, is_path = [0], []
+        first: list[int] = []
+        end: list[int] = []
+        is_path: list[bool] = []
         edges: dict[int, np.ndarray] = {}
         done = np.zeros(particle_count, bool)
         # From the ends of paths first, so that what begins elsewhere closes.
@@ -59,11 +64,15 @@ class Pieces:
             else:
                 edges[len(is_path)] = np.array(sorted(ways), np.int32)
                 link += [-1] * len(members)
+            first.append(len(vertex))
             vertex += members
             is_path.append(path)
-            first.append(len(vertex))
+            end.append(len(vertex))
+            unused = -len(vertex) % int(BLOCK)
+            vertex += [-1] * unused
+            link += [-1] * unused
         as_int = lambda values: np.array(values, np.int32)  # noqa: E731
-        return cls(as_int(first), as_int(vertex), np.array(is_path, bool), as_int(link), edges)
+        return cls(as_int(first), as_int(end), as_int(vertex), np.array(is_path, bool), as_int(link), edges)
 
 
 @dataclass(frozen=True)
@@ -88,8 +97,9 @@ class Graph:
 
     @classmethod
     def of(cls, pieces: Pieces, distance: DistanceSet) -> Graph:
-        place = np.empty(len(pieces.vertex), np.int64)
-        place[pieces.vertex] = np.arange(len(pieces.vertex))
+        used = np.flatnonzero(pieces.vertex >= 0)
+        place = np.empty(len(used), np.int64)
+        place[pieces.vertex[used]] = used
         links, springs = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         link_first, spring_first = [0], [0]
         for piece in range(len(pieces.is_path)):
