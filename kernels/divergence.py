@@ -19,7 +19,7 @@ CHUNK = wp.constant(64)
 
 
 @kernel
-def watch_stretch(
+def check_stretch(
     # Model:
     edge: wp.array[wp.vec2i],  # [edge_count]
     rest_length: wp.array[Real],  # [edge_count] [m]
@@ -58,7 +58,7 @@ def sum_energy(
 
 
 @kernel
-def watch_energy(
+def check_energy(
     # In:
     limit: wp.float64,  # [J]
     # Out:

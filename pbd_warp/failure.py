@@ -2,60 +2,55 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from pbd_warp.preflight import nearest_remedy
-
-if TYPE_CHECKING:
-    from pbd_warp.simulation import Simulation
+from pbd_warp.preflight import Snapshot, nearest_remedy
+from pbd_warp.step.constraints.contact import room_for_contacts
 
 Failure = tuple[str, int]
-"""What kind, and its number: ("particle", which), ("stretch", edge), ("energy", 0), ("newton", how many solutions)."""
+"""What kind, and its number: ("particle", which), ("stretch", edge), ("energy", 0), ("newton", how many solutions),
+("contacts", how many there were without room for them)."""
 
 
-def describe(sim: Simulation, failure: Failure) -> str:
-    """One sentence about the frame that the simulation has just made."""
-    settings = f"{sim.method}, integrator {sim.settings['integrator']!r} and {sim.substeps} substeps"
-    remedy = nearest_remedy(sim) or _remedy(sim, failure[0])
-    return (
-        f"frame {sim.frame} (t = {sim.time:.6g} s): {_finding(sim, failure)} with {settings}; "
-        f"{_worst_constraint(sim)}{remedy}"
-    )
+def describe(now: Snapshot, failure: Failure) -> str:
+    """One sentence about a frame that has just been made."""
+    kind, number = failure
+    if kind == "contacts":
+        room = room_for_contacts(now.model.particle_count, now.settings.max_contacts)
+        what = f"{number} contacts, but there is room for {room}"
+        return f"{what}; give Simulation or Scene max_contacts={2 * number} or more"
+    remedy = nearest_remedy(now) or _remedy(now, failure[0])
+    return f"{_finding(now, failure)} with {now.settings}; {_worst_constraint(now)}{remedy}"
 
 
-def _remedy(sim: Simulation, kind: str) -> str:
+def _remedy(now: Snapshot, kind: str) -> str:
     """Where nothing known is near."""
     if kind == "newton":
         return (
             "use more substeps, on_failure='subdivide', which makes such frames again with smaller steps, or "
             "'continue', where what is left over does not matter"
         )
-    return sim.method.remedy
+    return now.settings.method.remedy
 
 
-def _finding(sim: Simulation, failure: Failure) -> str:
+def _finding(now: Snapshot, failure: Failure) -> str:
     kind, number = failure
-    limits = sim.settings["limits"]
     if kind == "particle":
         return f"particle {number} has left the finite numbers"
-    if kind == "stretch":
-        return f"distance {number} is stretched beyond the limit of {100 * limits.stretch:g} %"
+    stretch, energy = now.settings.limits.stretch, now.settings.limits.energy
+    if kind == "stretch" and stretch is not None:
+        return f"distance {number} is stretched beyond the limit of {100 * stretch:g} %"
     if kind == "energy":
-        return f"energy rose beyond the limit of {limits.energy:g} J above the start"
+        return f"energy rose beyond the limit of {energy:g} J above the start"
     return f"Newton's method did not converge in {number} solution{'s' if number > 1 else ''}"
 
 
-def _worst_constraint(sim: Simulation) -> str:
+def _worst_constraint(now: Snapshot) -> str:
     """The constraint that is furthest off, among those whose particles are finite; nothing where there is none."""
-    x = sim.state.x.numpy().astype(np.float64)
-    edges, points = sim.model.distance, sim.model.point
+    edges, points = now.model.distance, now.model.point
     with np.errstate(all="ignore"):
-        off = [np.abs(edges.residual(x))]
-        if sim.point_target is not None:
-            off.append(points.residual(x, sim.point_target.numpy()))
-    c = np.nan_to_num(np.concatenate(off), nan=-1.0, posinf=-1.0)
+        off = np.concatenate([np.abs(edges.residual(now.x)), points.residual(now.x, now.point_target)])
+    c = np.nan_to_num(off, nan=-1.0, posinf=-1.0)
     if not len(c) or c.max() < 0.0:
         return ""
     worst = int(np.argmax(c))

@@ -1,20 +1,22 @@
-"""What is known to fail, told before the first step: each is a map of the stability atlas (docs/stability)."""
+"""Preflight checks: what is known to fail, told before the first step, each with its remedy.
+
+Each check is a map of the stability atlas (docs/stability), which quotes the remedy from here.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pbd_warp.model.model import Model, masses
+from pbd_warp.settings import Settings
+from pbd_warp.step.integrators import INTEGRATORS
 from pbd_warp.step.methods.direct import Direct, paths
 from pbd_warp.step.methods.jacobi import Jacobi
 from pbd_warp.step.methods.spectrum import largest_eigenvalue
-
-if TYPE_CHECKING:
-    from pbd_warp.simulation import Simulation
 
 STRETCHED = 0.1
 """Stretch that counts as a failure, as in the atlas."""
@@ -28,6 +30,25 @@ NOISE = 0.01
 
 ROUND_OFF = 1e-6
 """Of a length, by which it is the same."""
+
+REMEDIES = {
+    "relaxation": "keep averaging='mass-splitting' and the relaxation at 1",
+    "star": "use averaging='mass-splitting', GaussSeidel, or a smaller relaxation",
+    "overconstrained": "use averaging='mass-splitting', or give each distance once",
+    "sweeps": "use an even number of iterations, or a relaxation of 1",
+    "chain_length": "use Direct, or more substeps",
+    "mass_ratio": "use Direct, or more substeps",
+    "chebyshev": "use a smaller rho for what moves, or Direct",
+    "step": "use integrator 'bdf2', or more substeps",
+    "precision": "use float64, or move the scene to the origin",
+    "drag": "use Direct, or more substeps",
+    "speed": "use more substeps, or float64",
+    "overlap": "start without overlap, or limit the depenetration speed",
+    "unreachable": "use Jacobi, or a compliance",
+    "cradle": "leave gaps wider than a step's way",
+    "coincident": "start particles apart, or use more iterations",
+}
+"""What was seen to help against each failure of the atlas, by the name of the check and of the map."""
 
 
 @dataclass(frozen=True)
@@ -43,54 +64,56 @@ class PreflightWarning:
 
     @property
     def remedy(self) -> str:
-        from pbd_warp.stability.maps import MAPS  # which run simulations
-
-        return MAPS[self.test].cure
+        return REMEDIES[self.test]
 
     def __str__(self) -> str:
         return f"{self.text}: {self.remedy} (test: {self.test})"
 
 
 @dataclass(frozen=True)
-class _Now:
-    """The state to be judged: positions [m] and velocities [m/s], float64 [particle_count, 3]."""
+class Snapshot:
+    """A simulation at one moment, on the host.
 
+    x, v: float64 [particle_count, 3] [m], [m/s]. w: Inverse masses [1/kg], 0 also for what is held. point_target:
+    [point_count, 3] [m].
+    """
+
+    model: Model
+    settings: Settings
     x: np.ndarray
     v: np.ndarray
+    w: np.ndarray
+    point_target: np.ndarray
+
+    @property
+    def before(self) -> Snapshot:
+        """Of a simulation that has just failed: where its particles are then says nothing about why, so here they are
+        where they began; but for those that are held, which are where they are led to."""
+        x, v = self.model.x.copy(), self.model.v.copy()
+        held = self.w == 0.0
+        x[held] = np.nan_to_num(self.x[held])
+        return Snapshot(self.model, self.settings, x, v, self.w, self.point_target)
 
 
-def preflight(sim: Simulation, failed: bool = False) -> list[PreflightWarning]:
-    """All checks that apply, the worst first; those with a severity above 1 are known to fail.
-
-    Args:
-        failed: The simulation has just failed. Where its particles are then says nothing about why, so they are judged
-            where they began; but for those that are held, which are where they are led to.
-    """
-    x = (sim.model.x if failed else sim.state.x.numpy()).astype(np.float64)
-    v = (sim.model.v if failed else sim.state.v.numpy()).astype(np.float64)
-    if failed:
-        fixed = sim.w.numpy() == 0.0
-        x[fixed] = sim.state.x.numpy()[fixed]
-    if sim.held is not None:
-        x[sim.held] = sim.grab_target.numpy()[0]
-    now = _Now(np.nan_to_num(x), np.nan_to_num(v))
-    found = [c for test in TESTS for c in test(sim, now)]
-    return sorted(found, key=lambda caution: -caution.severity)
+def preflight(now: Snapshot) -> list[PreflightWarning]:
+    """All checks that apply, the worst first; those with a severity above 1 are known to fail."""
+    found = [warning for check in CHECKS for warning in check(now)]
+    return sorted(found, key=lambda warning: -warning.severity)
 
 
-def nearest_remedy(sim: Simulation) -> str:
+def nearest_remedy(failed: Snapshot) -> str:
     """Of a simulation that failed: what its state and settings are known to fail of, and the cure; empty if nothing."""
-    known = [c for c in preflight(sim, failed=True) if c.severity > 1.0]
+    known = [warning for warning in preflight(failed.before) if warning.severity > 1.0]
     return f"{known[0].text}: {known[0].remedy}" if known else ""
 
 
-def _relaxation(sim: Simulation, now: _Now) -> Iterator[PreflightWarning]:
+def _relaxation(now: Snapshot) -> Iterator[PreflightWarning]:
     """Jacobi converges where relaxation times the largest eigenvalue of a sweep is below 2; over many steps of an odd
     number K of sweeps, where it is below 1 + 3^(-1/K) (pbd_warp/stability/theory.py)."""
-    method = sim.method
+    method = now.settings.method
     if not isinstance(method, Jacobi) or (method.averaging == "mass-splitting" and method.relaxation <= 1.0):
         return
-    largest = max(largest_eigenvalue(sim.model, method, now.x), 1e-300)
+    largest = max(largest_eigenvalue(now.model, method, now.x), 1e-300)
     limit, at_odd = 2.0 / largest, (1.0 + 3.0 ** (-1.0 / method.iterations)) / largest
     # At the limit itself an error neither grows nor falls, and the estimate of it is good to some 0.1 %.
     severity = method.relaxation / limit * (1.0 + 1e-3)
@@ -101,72 +124,72 @@ def _relaxation(sim: Simulation, now: _Now) -> Iterator[PreflightWarning]:
         yield PreflightWarning("sweeps", text, method.relaxation / at_odd)
 
 
-def _truncation(sim: Simulation, now: _Now) -> Iterator[PreflightWarning]:
+def _truncation(now: Snapshot) -> Iterator[PreflightWarning]:
     """K sweeps are like springs: a link that carries a tension T hangs stretched by h^2 T (n_i w_i + n_j w_j) / K.
 
     From the stretch of truncated Jacobi, B^K (sum P B^k)^-1 h^2 T, for few sweeps on a long chain. T is taken as the
     weight of all that hangs on the same fixed particles, three times over when it swings.
     """
-    method, model = sim.method, sim.model
+    method, model = now.settings.method, now.model
     edges = model.distance
     rated = edges.rest_length > 0.0
     if isinstance(method, Direct) or not np.any(rated):
         return
-    w = sim.w.numpy().astype(np.float64)
-    mass = np.divide(1.0, w, out=np.zeros_like(w), where=w > 0.0)
+    w, settings = now.w, now.settings
+    mass = masses(w)
     locked = w == 0.0
     locked[model.point.particle] = True
-    parts = int(model.component.max()) + 1
-    weight = np.bincount(model.component, mass, parts) * np.linalg.norm(model.gravity)
-    weight[np.bincount(model.component, locked, parts) == 0.0] = 0.0  # what hangs on nothing falls without tension
+    pieces = int(model.component.max()) + 1
+    weight = np.bincount(model.component, mass, pieces) * np.linalg.norm(model.gravity)
+    weight[np.bincount(model.component, locked, pieces) == 0.0] = 0.0  # what hangs on nothing falls without tension
     i, j = edges.edge[rated].T
-    share = np.ones_like(w)
+    valence = np.ones_like(w)
     if isinstance(method, Jacobi) and method.averaging == "mass-splitting":
-        share = np.maximum(method.valence(model), 1).astype(np.float64)
+        valence = np.maximum(method.valence(model), 1).astype(np.float64)
     sweeps = method.iterations * (method.relaxation if isinstance(method, Jacobi) else 2.0)
-    denominator = share[i] * w[i] + share[j] * w[j]
+    denominator = valence[i] * w[i] + valence[j] * w[j]
     tension = 3.0 * weight[model.component[i]]
-    stretch = sim.substep_dt**2 * tension * denominator / (sweeps * edges.rest_length[rated])
+    stretch = settings.step_dt**2 * tension * denominator / (sweeps * edges.rest_length[rated])
     stretch[edges.compliance[rated] > 0.0] = 0.0
     worst = int(np.argmax(stretch))
-    part = model.component[i[worst]]
-    masses = mass[(model.component == part) & (mass > 0.0)]
-    ratio = float(masses.max() / masses.min()) if len(masses) else 1.0
-    links = int(np.sum(model.component[edges.edge[:, 0]] == part))
+    piece = model.component[i[worst]]
+    own = mass[(model.component == piece) & (mass > 0.0)]
+    ratio = float(own.max() / own.min()) if len(own) else 1.0
+    links = int(np.sum(model.component[edges.edge[:, 0]] == piece))
     heavy = ratio > links
     about = f"a mass ratio of {ratio:.3g}" if heavy else f"a chain of {links} links"
     text = (
-        f"{about} is too much for {method.iterations} iterations at {sim.substeps} substeps (estimated stretch "
+        f"{about} is too much for {method.iterations} iterations at {settings.substeps} substeps (estimated stretch "
         f"{100 * stretch[worst]:.2g} %)"
     )
     test = "mass_ratio" if heavy else "chain_length"
     yield PreflightWarning(test, text, float(stretch[worst]) / STRETCHED)
-    if sim.depenetration_speed is not None:
+    if (speed := settings.depenetration_speed) is not None:
         longest = float((stretch * edges.rest_length[rated]).max())
-        text = f"a depenetration speed of {sim.depenetration_speed:g} m/s does not take back what a step stretches"
-        yield PreflightWarning(test, text, longest / (sim.depenetration_speed * sim.substep_dt))
+        text = f"a depenetration speed of {speed:g} m/s does not take back what a step stretches"
+        yield PreflightWarning(test, text, longest / (speed * settings.step_dt))
 
 
-def _step(sim: Simulation, now: _Now) -> Iterator[PreflightWarning]:
+def _step(now: Snapshot) -> Iterator[PreflightWarning]:
     """The step is too long for what moves in it."""
-    model = sim.model
-    h = sim.substep_dt
-    if sim.integrator.mean_gradient and len(model.distance):
+    model = now.model
+    h = now.settings.step_dt
+    if INTEGRATORS[now.settings.integrator].mean_gradient and len(model.distance):
         shortest = model.distance.rest_length[model.distance.rest_length > 0.0].min(initial=np.inf)
         turn = h * np.sqrt(np.linalg.norm(model.gravity) / shortest)
         text = f"a step of {h:.3g} s is long for links of {shortest:.3g} m and an integrator that damps nothing"
         yield PreflightWarning("step", text, float(turn) / WHIP)
     solid = model.radius > 0.0
-    if sim.contacts and np.any(solid):
+    if model.collides and np.any(solid):
         speed = np.linalg.norm(now.v, axis=1).max()
         smallest = float(model.radius[solid].min())
         text = f"{speed:.3g} m/s is {speed * h / smallest:.2g} radii a step: what it pushes may pass through others"
         yield PreflightWarning("speed", text, float(speed * h / (2.0 * smallest)))
 
 
-def _precision(sim: Simulation, now: _Now) -> Iterator[PreflightWarning]:
+def _precision(now: Snapshot) -> Iterator[PreflightWarning]:
     """Positions are stored rounded: far out each step makes velocity out of that."""
-    model = sim.model
+    model = now.model
     lengths = np.concatenate([model.distance.rest_length, model.radius])
     lengths = lengths[lengths > 0.0]
     if not len(lengths):
@@ -176,22 +199,21 @@ def _precision(sim: Simulation, now: _Now) -> Iterator[PreflightWarning]:
     gravity = float(np.linalg.norm(model.gravity))
     typical = np.sqrt(gravity * float(lengths.min())) or float(np.linalg.norm(model.v, axis=1).max())
     if typical > 0.0:
-        severity = rounding / sim.substep_dt / (NOISE * typical)
+        severity = rounding / now.settings.step_dt / (NOISE * typical)
         text = f"{model.dtype} rounds positions {far:.3g} m from the origin to {rounding:.1g} m"
         yield PreflightWarning("precision", text, float(severity))
 
 
-def _unreachable(sim: Simulation, now: _Now) -> Iterator[PreflightWarning]:
+def _unreachable(now: Snapshot) -> Iterator[PreflightWarning]:
     """Two ends held further apart than the rope between them, with particles that move, is long."""
-    model = sim.model
-    if not isinstance(sim.method, Direct):
+    model = now.model
+    if not isinstance(now.settings.method, Direct):
         return
     x = now.x.copy()
-    locked = sim.w.numpy() == 0.0
-    targets = sim.point_target.numpy() if sim.point_target is not None else np.zeros((0, 3))
+    locked = now.w == 0.0
     rigid = model.point.compliance == 0.0
     locked[model.point.particle[rigid]] = True
-    x[model.point.particle[rigid]] = targets[rigid]
+    x[model.point.particle[rigid]] = now.point_target[rigid]
     edges = model.distance
     vertex, first, link = paths(edges.edge, model.point.particle)
     length = np.where(link >= 0, np.append(edges.rest_length, 0.0)[link], 0.0)
@@ -207,4 +229,4 @@ def _unreachable(sim: Simulation, now: _Now) -> Iterator[PreflightWarning]:
                 yield PreflightWarning("unreachable", text, apart / most)
 
 
-TESTS = (_unreachable, _relaxation, _truncation, _step, _precision)
+CHECKS = (_unreachable, _relaxation, _truncation, _step, _precision)

@@ -9,24 +9,22 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import warp as wp
 
 import pbd_warp
 from pbd_warp import check
-from pbd_warp.checkpoint import extra_of, restore, save
+from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import InputError, Interrupted, SimulationFailed
 from pbd_warp.grab.drag import Drag
+from pbd_warp.grab.recording import Recording, Replay
 from pbd_warp.measure import measure
 from pbd_warp.model.model import Model, State
 from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd.writer import UsdWriter
-
-if TYPE_CHECKING:
-    from pbd_warp.grab.recording import Recording, Replay
 
 
 @dataclass(frozen=True)
@@ -99,22 +97,6 @@ class _Progress:
         self.wall += seconds
 
 
-def make_simulation(scene: Scene, model: Model) -> Simulation:
-    """A simulation of a scene with the scene's settings."""
-    return Simulation(
-        model,
-        1.0 / check.number("fps", scene.fps, above=0.0),
-        scene.substeps,
-        method=scene.method,
-        integrator=scene.integrator,
-        damping=scene.damping,
-        max_contacts=scene.max_contacts,
-        depenetration_speed=scene.depenetration_speed,
-        limits=scene.limits,
-        on_failure=scene.on_failure,
-    )
-
-
 class Controller(Protocol):
     """Moves particles between frames: a drag, a recording, what a stage's pinned points follow."""
 
@@ -181,7 +163,7 @@ def run(
     if recording is None:
         controller = Drag(scene.drag)
         controller.check_particles(model.particle_count)
-        sim = make_simulation(scene, model)
+        sim = Simulation(model, scene.settings)
     else:
         controller = recording.replay(scene, model)
         sim = controller.begin()
@@ -199,10 +181,10 @@ def provenance(scene: Scene, model: Model) -> dict[str, Any]:
         "scene": scene.name,
         "device": str(model.device),
         "dtype": model.dtype,
-        "method": scene.method.name,
-        "integrator": scene.integrator,
-        "substeps": scene.substeps,
-        "iterations": scene.method.iterations,
+        "method": scene.settings.method.name,
+        "integrator": scene.settings.integrator,
+        "substeps": scene.settings.substeps,
+        "iterations": scene.settings.method.iterations,
     }
 
 
@@ -223,17 +205,17 @@ def make_frames(
     checkpoints = hooks.checkpoints
     if checkpoints and checkpoints.path.absolute() == out.absolute():
         raise InputError(f"checkpoint and output are the same file {out}: name another")
-    for caution in sim.check():
-        hooks.on_warning(caution)
+    for warning in sim.check():
+        hooks.on_warning(warning)
     now = measure(sim)
     progress = _Progress(0, now.energy, now.energy, now.max_stretch, now.residual, sim.unconverged)
     compile_seconds = sim.compile_seconds
     if checkpoints and checkpoints.resume:
-        extra = extra_of(checkpoints.path)
+        extra = Checkpoint.read(checkpoints.path).extra
         if not {"controller", "progress"} <= extra.keys():
             raise InputError(f"checkpoint {checkpoints.path} was not left by a run: go on from it with Simulation.load")
         sim = controller.resume(extra["controller"], sim)
-        restore(sim, checkpoints.path)
+        sim.restore(checkpoints.path)
         progress = _Progress(**extra["progress"])
         if progress.frames >= scene.frames:
             raise InputError(
@@ -253,7 +235,7 @@ def make_frames(
             hooks.on_frame(progress.frames)
             if checkpoints and progress.frames % checkpoints.every == 0 and progress.frames < scene.frames:
                 writer.flush()  # first, so that the file has every frame up to the checkpoint
-                save(sim, checkpoints.path, {"controller": controller.memory, "progress": vars(progress)})
+                sim.save(checkpoints.path, {"controller": controller.memory, "progress": vars(progress)})
     made_by.pop("version")
     return RunStats(
         **made_by,

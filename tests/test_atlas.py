@@ -13,6 +13,7 @@ import pytest
 
 import pbd_warp as pbd
 from pbd_warp.cli import main
+from pbd_warp.preflight import REMEDIES
 from pbd_warp.stability import theory
 from pbd_warp.stability.atlas import COLUMNS, Measured, load, measure_cell, measure_map, save
 from pbd_warp.stability.cell import study
@@ -70,7 +71,7 @@ def test_the_maps_are_those_promised_and_each_has_a_scene():
         assert made.scene in pbd.scene_names()
         assert made.title
         assert made.text.endswith(".")
-        assert made.cure == made.cure.strip(". ")
+        assert made.remedy == made.remedy.strip(". ")
         for axis in (made.x, made.y):
             assert list(axis.values) == sorted(set(axis.values))
         assert made.size == len(made.panels) * len(made.x.values) * len(made.y.values)
@@ -234,7 +235,7 @@ def test_the_page_shows_all_maps(atlas):
     assert text == page(list(atlas.values()))
     for name, made in MAPS.items():
         assert f"({name}.svg)" in text
-        assert made.cure in text
+        assert made.remedy in text
     assert "on the wrong side of theory by more than one cell." in text
 
 
@@ -252,8 +253,12 @@ SMALL = Map(
         "some": Panel(lambda x, y: Figures(finite=pbd.Jacobi(relaxation=y) is None)),
     },
     text="Text.",
-    cure="cure",
 )
+
+
+@pytest.fixture(autouse=True)
+def remedy(monkeypatch):
+    monkeypatch.setitem(REMEDIES, "small", "remedy")
 
 
 def test_every_cell_is_measured_and_comes_back(tmp_path):

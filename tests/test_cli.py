@@ -73,7 +73,7 @@ def test_run_and_the_api_give_the_same_motion(tmp_path):
     assert call("run", "worm", "--frames", 40, cwd=tmp_path).returncode == 0
     scene = pbd.load_scene("worm")
     model = scene.builder.finalize()
-    sim = pbd.Simulation(model, 1 / 60, scene.substeps, method=scene.method, damping=scene.damping)
+    sim = pbd.Simulation(model, scene.settings)
     drag = pbd.Drag(scene.drag)
     for _ in range(39):
         drag.advance(sim)

@@ -48,15 +48,15 @@ def test_tensions_and_stretch_of_a_hanging_chain(name, substeps):
     builder.add_distances([(k, k + 1) for k in range(10)], rest_length=0.1, compliance=compliance)
     sim = run(builder.finalize(dtype="float64"), 3, converged, substeps=substeps, method=method)
     if name == "direct":
-        lam = sim.solver._lam.numpy()[:-1]
-        lam = lam if sim.solver._vertex.numpy()[0] == 0 else lam[::-1]
+        lam = sim._loop.solver._lam.numpy()[:-1]
+        lam = lam if sim._loop.solver._vertex.numpy()[0] == 0 else lam[::-1]
     elif name == "jacobi":
-        lam = sim.arrays["distance.lam"].numpy()
+        lam = sim._context.arrays["distance.lam"].numpy()
     else:
         lam = np.zeros(10)
         for colour, group in enumerate(colours(sim.model.distance.edge)):
-            lam[group] = sim.arrays[f"distance.{colour}.lam"].numpy()
-    np.testing.assert_allclose(-lam / sim.substep_dt**2, tension, rtol=rtol)
+            lam[group] = sim._context.arrays[f"distance.{colour}.lam"].numpy()
+    np.testing.assert_allclose(-lam / sim.settings.step_dt**2, tension, rtol=rtol)
     stretch = np.linalg.norm(np.diff(state(sim)[0], axis=0), axis=1) - 0.1
     np.testing.assert_allclose(stretch, compliance * tension, rtol=rtol)
 

@@ -42,8 +42,8 @@ def test_led_particles_are_in_their_places_at_the_end_of_every_frame(method, int
 def test_the_way_is_even_over_the_substeps(monkeypatch, integrator):
     sim = pbd.Simulation(rope_model(3), substeps=4, integrator=integrator, capture=False)
     seen = []
-    update = sim.integrator.update
-    monkeypatch.setattr(sim.integrator, "update", lambda dt: (update(dt), seen.append(state(sim)[0][0])))
+    update = sim._loop.integrator.update
+    monkeypatch.setattr(sim._loop.integrator, "update", lambda stage: (update(stage), seen.append(state(sim)[0][0])))
     sim.lead([0], [(0.0, 0.4, 0.0)])
     sim.step()
     np.testing.assert_allclose(seen, [(0, 0.1, 0), (0, 0.2, 0), (0, 0.3, 0), (0, 0.4, 0)], atol=1e-15)

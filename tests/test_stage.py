@@ -241,7 +241,7 @@ def test_the_default_method_is_direct_where_it_is_sure_of_a_solution(tmp_path):
     stage.Save()
 
     def method(**options):
-        return load_stage(tmp_path / "a.usda", **options).scene.method.name
+        return load_stage(tmp_path / "a.usda", **options).scene.settings.method.name
 
     assert method() == "direct"
     assert method(prims=["/World/Slack"], material=Material(pin="ends")) == "direct"

@@ -438,7 +438,7 @@ def test_a_take_of_another_scene_is_refused():
     with pytest.raises(pbd.InputError, match="the drags are of scene worm, not of rope"):
         recording.load_scene("rope")
     scene = pbd.load_scene("worm")
-    other = dataclasses.replace(scene, builder=pbd.load_scene("rope").builder)
+    other = scene.changed(builder=pbd.load_scene("rope").builder)
     with pytest.raises(pbd.InputError, match="not what it was"):
         recording.replay(other, other.builder.finalize())
     recording.events.append((9, "select", 99))

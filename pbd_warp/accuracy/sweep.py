@@ -7,7 +7,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.grab.drag import Drag
 from pbd_warp.measure import measure
 from pbd_warp.model.model import Model
-from pbd_warp.run import make_simulation
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import Limits
@@ -69,7 +68,7 @@ class Sweep:
     def configurations(self, scene: Scene) -> list[Scene]:
         """The scene in all combinations that it can be simulated in."""
         return [
-            replace(scene, method=method, integrator=integrator, substeps=substeps)
+            scene.changed(method=method, integrator=integrator, substeps=substeps)
             for name in self.methods
             for method in self._methods(name)
             for integrator, substeps in product(self.integrators, self.substeps)
@@ -92,7 +91,7 @@ def sweep_scene(
     Raises:
         InputError: the scene can be simulated in none of them.
     """
-    frames = round(SECONDS * check.number("fps", scene.fps, above=0.0))
+    frames = round(SECONDS * scene.fps)
     models = {dtype: scene.builder.finalize(device, dtype) for dtype in {*sweep.dtypes, "float64"}}
     reference, text = _reference(scene, models["float64"], frames)
     todo = list(product(sweep.configurations(scene), sweep.dtypes))
@@ -101,8 +100,8 @@ def sweep_scene(
     for done, (configuration, dtype) in enumerate(todo):
         try:
             # Measured as far as it goes: what is off is marked in the row.
-            measured = replace(configuration, on_failure="continue", limits=Limits(stretch=None))
-            sim = make_simulation(measured, models[dtype])
+            settings = configuration.settings.changed(on_failure="continue", limits=Limits(stretch=None))
+            sim = Simulation(models[dtype], settings)
         except InputError as error:  # such as an integrator that does not model contacts
             refusal = error
         else:
@@ -138,14 +137,14 @@ def _reference(scene: Scene, model: Model, frames: int) -> tuple[np.ndarray, str
     """Positions after the last frame, and a sentence that says where they are from."""
     if scene.reference is not None:
         return scene.reference(frames / scene.fps), scene.reference_text
-    finer = replace(scene, substeps=FINER * scene.substeps)
+    finer = scene.settings.changed(substeps=FINER * scene.settings.substeps)
     try:
-        finer = replace(finer, method=Direct())
-        sim = make_simulation(finer, model)
+        finer = finer.changed(method=Direct())
+        sim = Simulation(model, finer)
     except InputError:  # no paths: as many sweeps as are affordable
-        finer = replace(finer, method=Jacobi(iterations=4 * scene.method.iterations))
-        sim = make_simulation(finer, model)
-    for _ in _frames(finer, sim, frames):
+        finer = finer.changed(method=Jacobi(iterations=4 * scene.settings.method.iterations))
+        sim = Simulation(model, finer)
+    for _ in _frames(scene, sim, frames):
         pass
     text = f"its own run with {finer.method.name}, {finer.substeps} substeps (16 times its default), float64"
     return sim.state.x.numpy(), text
@@ -189,11 +188,11 @@ def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, 
     wall = statistics.median(walls) if walls else float("nan")
     return Row(
         scene=scene.name,
-        method=scene.method.name,
-        integrator=scene.integrator,
+        method=scene.settings.method.name,
+        integrator=scene.settings.integrator,
         dtype=sim.model.dtype,
-        substeps=scene.substeps,
-        iterations=scene.method.iterations,
+        substeps=scene.settings.substeps,
+        iterations=scene.settings.method.iterations,
         wall_ms_per_sim_second=wall,
         wall_spread=(max(walls) - min(walls)) / wall if walls else float("nan"),
         projections_per_sim_second=_projections(sim, iterations) / SECONDS,
@@ -211,7 +210,7 @@ def _projections(sim: Simulation, iterations: int) -> float:
     """
     model = sim.model
     count = model.constraint_count or model.particle_count
-    paths = len(np.unique(model.component[model.distance.edge[:, 0]])) if isinstance(sim.method, Direct) else 1
+    paths = len(np.unique(model.component[model.distance.edge[:, 0]])) if isinstance(sim.settings.method, Direct) else 1
     return iterations * count / paths
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -19,20 +19,14 @@ from pbd_warp.cli.options import (
     Device,
     Dtype,
     Every,
-    Fps,
     Frames,
-    Integrator,
-    Iterations,
-    Method,
-    OnFailure,
     Resume,
     SceneName,
     Seed,
     Set,
-    Substeps,
-    Tolerance,
     scene_with,
-)  # fmt: skip
+    takes_settings,
+)
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
 from pbd_warp.errors import InputError
 from pbd_warp.grab.recording import Recording
@@ -43,19 +37,13 @@ from pbd_warp.usd.writer import check_path
 
 
 @app.command("run")
+@takes_settings
 def run_scene(
     scene: SceneName,
     out: Annotated[Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc or .usd.")] = None,
     frames: Frames = None,
-    fps: Fps = None,
     device: Device = None,
     dtype: Dtype = None,
-    method: Method = None,
-    iterations: Iterations = None,
-    substeps: Substeps = None,
-    integrator: Integrator = None,
-    tolerance: Tolerance = None,
-    on_failure: OnFailure = None,
     seed: Seed = None,
     set_: Set = None,
     accuracy: Annotated[
@@ -70,43 +58,32 @@ def run_scene(
     ] = None,
     stats: Annotated[Path | None, typer.Option(help="Write the closing figures to this JSON file.")] = None,
     debug: Debug = False,
+    *,
+    changes: dict[str, Any],
 ) -> None:
     """Simulate a scene and write it as a USD animation."""
     with one_sentence(debug):
-        built = scene_with(scene, frames, fps, method, iterations, substeps, integrator, tolerance, seed, set_)
+        built = scene_with(scene, changes, seed, set_, frames)
         if accuracy is not None:
-            if any(given is not None for given in (method, iterations, substeps, integrator)) or dtype is not None:
+            if changes.keys() & {"method", "iterations", "substeps", "integrator"} or dtype is not None:
                 raise InputError(
                     "--accuracy chooses method, iterations, substeps, integrator and dtype: leave those out"
                 )
             row = _pick_for(built, accuracy)
             dtype = row.dtype
+            method = METHODS[row.method](iterations=row.iterations)
+            built = built.changed(method=method, integrator=row.integrator, substeps=row.substeps)
             typer.echo(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
         recording = None
         if drags is not None:
-            brought = (
-                fps,
-                dtype,
-                method,
-                iterations,
-                substeps,
-                integrator,
-                tolerance,
-                seed,
-                set_ or None,
-                accuracy,
-                on_failure,
-            )
-            if any(given is not None for given in brought):
+            if changes or any(given is not None for given in (dtype, seed, set_ or None, accuracy)):
                 raise InputError("--drags brings the settings it was recorded with: leave others out")
-            recording = Recording.load(drags)
-            built, dtype = recording.load_scene(scene), recording.dtype
-            built.frames = recording.frames if frames is None else check.whole("frames", frames, low=1)
+            recording = Recording.load(drags, scene)
+            length = recording.frames if frames is None else check.whole("frames", frames, low=1)
+            built, dtype = recording.load_scene(scene).changed(frames=length), recording.dtype
         path = check_path(out if out is not None else Path(f"{built.name}.usda"))
         if stats is not None:
             check.folder(stats.parent)
-        if on_failure is not None:
-            built.on_failure = on_failure
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
             result = run(built, path, device, dtype or "float32", hooks, recording)
@@ -116,7 +93,7 @@ def run_scene(
 
 
 def _pick_for(scene: Scene, accuracy: float) -> Row:
-    """The fastest settings within an error on the chart that comes with the project, set on the scene."""
+    """The fastest settings within an error on the chart that comes with the project."""
     path = charts_folder() / f"{scene.name}.csv"
     if not path.is_file():
         raise InputError(f"there is no chart of scene {scene.name}: make one with pbd-warp chart, and use its --pick")
@@ -127,8 +104,6 @@ def _pick_for(scene: Scene, accuracy: float) -> Row:
         raise InputError(
             f"no settings on the chart of scene {scene.name} are within {accuracy:g} m; best: {best:.2g} m"
         )
-    scene.method = METHODS[row.method](iterations=row.iterations)
-    scene.integrator, scene.substeps = row.integrator, row.substeps
     return row
 
 
@@ -138,7 +113,7 @@ def hooks_of(checkpoint: Path | None, every: int, resume: bool, on_frame: Callab
         raise InputError("--resume goes on from a checkpoint: name it with --checkpoint FILE")
     return Hooks(
         on_frame=on_frame,
-        on_warning=lambda caution: typer.echo(f"pbd-warp: known to fail: {caution}", err=True),
+        on_warning=lambda warning: typer.echo(f"pbd-warp: known to fail: {warning}", err=True),
         checkpoints=Checkpoints(checkpoint, every, resume) if checkpoint is not None else None,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,8 @@ TAUT = 1e-3
 class StageScene:
     """What a stage has to simulate.
 
-    scene: The ropes and colliders, particles in the order of `curves`, and the settings to simulate them. Those may be
-        changed, but for frames and fps, which are the timeline's.
+    scene: The ropes and colliders, particles in the order of `curves`, and the settings to simulate them. Others come
+        from `changed`; frames and fps are the timeline's.
     origin: Of the simulation in world space [m]: positions in float32 are finest near it.
     """
 
@@ -48,6 +48,10 @@ class StageScene:
     scene: Scene
     device: wp.Device
     dtype: str
+
+    def changed(self, **changes: Any) -> StageScene:
+        """The same curves simulated with other settings, by name."""
+        return replace(self, scene=self.scene.changed(**changes))
 
 
 def load_stage(
@@ -91,7 +95,7 @@ def load_stage(
     for prim in find_colliders(stage, collide):
         add_collider(builder, prim, codes, origin)
     method, substeps = _settings(curves, codes, bool(collide))
-    scene = Scene(builder, time.frames, time.fps, substeps, method, name=path.stem)
+    scene = Scene(builder, time.frames, fps=time.fps, substeps=substeps, method=method, name=path.stem)
     return StageScene(path, stage, time, curves, origin, scene, where, dtype)
 
 

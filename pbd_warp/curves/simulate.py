@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -13,7 +12,7 @@ from pxr import Vt
 from pbd_warp.curves.layer import animated_attributes, check_out, flattened, override_layer
 from pbd_warp.curves.scene import StageScene
 from pbd_warp.model.model import Model, State
-from pbd_warp.run import Hooks, RunStats, make_frames, make_simulation, provenance
+from pbd_warp.run import Hooks, RunStats, make_frames, provenance
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd.animation import Animation
 from pbd_warp.usd.writer import check_path
@@ -36,9 +35,9 @@ def simulate(
     """
     check_path(out)
     check_out(source.stage, out)
-    scene = replace(source.scene, frames=source.timeline.frames)
+    scene = source.scene.changed(frames=source.timeline.frames, dt=1.0 / source.timeline.fps)
     model = scene.builder.finalize(source.device, source.dtype)
-    sim = make_simulation(scene, model)
+    sim = Simulation(model, scene.settings)
     made_by = provenance(scene, model)
     stage = flattened(source, made_by) if flatten else override_layer(source, out, made_by)
     playback = Playback(source, model)

@@ -23,7 +23,7 @@ class Grabber:
     faces the camera.
 
     Args:
-        sim: The simulation. `sim` may be set to another that goes on from its state (`Settings.continued`).
+        sim: The simulation. `sim` may be set to another that goes on from its state (`Simulation.continue_with`).
         note: Called after every gesture with its name and its value: the particle, the position, or None.
     """
 
@@ -65,5 +65,5 @@ class Grabber:
     def hover(self, camera: Camera, at: Any) -> None:
         """Move the particle in hand to a place on the screen [px]; nothing without one."""
         if self.particle is not None:
-            through = self.sim.grab_target.numpy()[0].astype(np.float64)
-            self.move(camera.on_facing_plane(at, through))
+            assert self.sim.held_target is not None
+            self.move(camera.on_facing_plane(at, self.sim.held_target))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -29,17 +29,16 @@ CHANGE = "settings"
 class Recording:
     """What was done from the initial state on.
 
-    scene, seed, scene_settings: What was built (`load_scene`); model: a few numbers by which it is known again.
-    fps, dtype, settings: How it was simulated at the start.
+    scene, seed, parameters: What was built (`load_scene`); model: a few numbers by which it is known again.
+    dtype, settings: How it was simulated at the start.
     frames: How many there are, the initial state included.
     events: (frame, gesture or "settings", value), in the order in which they happened. `frame` frames were done before.
     """
 
     scene: str
     seed: int | None
-    scene_settings: dict[str, str]
+    parameters: dict[str, str]
     model: dict[str, float]
-    fps: float
     dtype: str
     settings: Settings
     frames: int = 1
@@ -70,8 +69,11 @@ class Recording:
             temporary.write_text(text + "\n")
 
     @classmethod
-    def load(cls, path: Path) -> Recording:
-        """Read what `save` wrote.
+    def load(cls, path: Path, scene: str | None = None) -> Recording:
+        """Read what `save` wrote, also that of version 0.1.
+
+        Args:
+            scene: The scene that it is of: its name, or its file. The name in the recording unless given.
 
         Raises:
             InputError: no such file, or anything in it that `save` would not have written.
@@ -81,6 +83,11 @@ class Recording:
         except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{path} is no recording of drags: {error}") from None
         names = [field.name for field in fields(cls)]
+        if isinstance(data, dict) and "scene_settings" in data:
+            try:
+                data = _upgraded(data, scene)
+            except (InputError, KeyError, TypeError, ValueError, AttributeError) as error:
+                raise InputError(f"{path} is no recording of drags: {error}") from None
         if not isinstance(data, dict) or sorted(data) != sorted(names):
             raise InputError(f"{path} is no recording of drags: it must have {', '.join(names)}")
         try:
@@ -96,16 +103,7 @@ class Recording:
         """
         if Path(name).stem != self.scene:
             raise InputError(f"the drags are of scene {self.scene}, not of {name}")
-        scene = load_scene(name, self.seed, self.scene_settings)
-        first = self.settings
-        return replace(
-            scene,
-            fps=self.fps,
-            method=first.method,
-            integrator=first.integrator,
-            substeps=first.substeps,
-            damping=first.damping,
-        )
+        return load_scene(name, self.seed, self.parameters).changed(settings=self.settings)
 
     def replay(self, scene: Scene, model: Model) -> Replay:
         """Do it again.
@@ -126,10 +124,10 @@ class Recording:
             if what == CHANGE and value not in tried:
                 tried.append(value)
                 try:
-                    value.simulation(scene, model)
+                    Simulation(model, value)
                 except InputError as error:
                     raise InputError(f"drags: event {number}: {error}") from None
-        return Replay(self, scene, model)
+        return Replay(self, model)
 
 
 def summary(model: Model) -> dict[str, float]:
@@ -152,14 +150,14 @@ def summary(model: Model) -> dict[str, float]:
 class Replay:
     """Does again what a recording holds; made by `Recording.replay`."""
 
-    def __init__(self, recording: Recording, scene: Scene, model: Model):
-        self._recording, self._scene, self._model = recording, scene, model
+    def __init__(self, recording: Recording, model: Model):
+        self._recording, self._model = recording, model
         self._next = 0
         self._grabber: Grabber | None = None
 
     def begin(self) -> Simulation:
         """The simulation in its initial state."""
-        sim = self._recording.settings.simulation(self._scene, self._model)
+        sim = Simulation(self._model, self._recording.settings)
         self._grabber = Grabber(sim)
         return sim
 
@@ -179,7 +177,7 @@ class Replay:
         self._next = memory["next"]
         changes = [value for _, what, value in self._recording.events[: self._next] if what == CHANGE]
         if changes:
-            sim = changes[-1].simulation(self._scene, self._model)
+            sim = Simulation(self._model, changes[-1])
         self._grabber = Grabber(sim)
         return sim
 
@@ -191,7 +189,7 @@ class Replay:
             _, what, value = events[self._next]
             self._next += 1
             if what == CHANGE:
-                self._grabber.sim = sim = value.continued(sim, self._scene, self._model)
+                self._grabber.sim = sim = sim.continue_with(value)
             elif what == "select":
                 self._grabber.select(value)
             elif what == "move":
@@ -201,20 +199,39 @@ class Replay:
         return sim
 
 
+def _upgraded(data: dict[str, Any], scene: str | None) -> dict[str, Any]:
+    """What version 0.1 wrote, which had only those settings that the view could change."""
+    data = dict(data)
+    data["parameters"] = data.pop("scene_settings")
+    dt = 1.0 / check.number("fps", data.pop("fps"), above=0.0)
+    rest = interactive(load_scene(scene or data["scene"], data["seed"], data["parameters"]).settings)
+    whole = json.loads(json.dumps(rest.changed(dt=dt).to_json()))
+    data["settings"] = {**whole, **data["settings"]}
+    data["events"] = [
+        [frame, what, {**whole, **value} if what == CHANGE else value] for frame, what, value in data["events"]
+    ]
+    return data
+
+
+def interactive(settings: Settings) -> Settings:
+    """Settings for a simulation that is grabbed: a mouse asks for what Newton's method does not always find, and the
+    next frame makes up for it."""
+    return settings.changed(on_failure="continue") if settings.on_failure == "raise" else settings
+
+
 def _checked(data: dict[str, Any]) -> dict[str, Any]:
     """The fields of a recording from what was read, each checked."""
     for name in ("scene", "dtype"):
         if not isinstance(data[name], str):
             raise InputError(f"{name} must be a text")
-    texts, numbers = data["scene_settings"], data["model"]
+    texts, numbers = data["parameters"], data["model"]
     if not isinstance(texts, Mapping) or not all(isinstance(value, str) for value in texts.values()):
-        raise InputError("scene_settings must be a table of texts")
+        raise InputError("parameters must be a table of texts")
     if not isinstance(numbers, Mapping):
         raise InputError("model must be a table of numbers")
     data["model"] = {key: check.number(f"model: {key}", value) for key, value in numbers.items()}
     if data["seed"] is not None:
         check.whole("seed", data["seed"], low=0)
-    data["fps"] = check.number("fps", data["fps"], above=0.0)
     check.whole("frames", data["frames"], low=1)
     data["settings"] = Settings.from_json(data["settings"])
     if not isinstance(data["events"], list):

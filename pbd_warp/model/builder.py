@@ -11,10 +11,8 @@ import warp as wp
 from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.kernels.collider import PLANE, SPHERE
+from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
 from pbd_warp.model.model import Colliders, Contacts, Model
-from pbd_warp.step.constraints.distance import DistanceSet
-from pbd_warp.step.constraints.parameters import check_parameters
-from pbd_warp.step.constraints.point import PointSet
 
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
 
@@ -221,7 +219,7 @@ class ModelBuilder:
     def _softness(self, what: str, stiffness: Any, compliance: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
         k = check.spread("stiffness", stiffness, n, low=0.0, high=1.0)
         a = check.spread("compliance", compliance, n, low=0.0)
-        check_parameters(what, k, a)
+        check_softness(what, k, a)
         return k, a
 
     def _add_collider(

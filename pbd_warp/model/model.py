@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from pbd_warp.kernels.precision import PRECISIONS
-from pbd_warp.step.constraints.distance import DistanceSet
-from pbd_warp.step.constraints.point import PointSet
+from pbd_warp.model.constraints import DistanceSet, PointSet
 
 
 @dataclass(frozen=True)
@@ -36,7 +34,12 @@ class Contacts:
     restitution: float
 
 
-@dataclass(frozen=True)
+def masses(w: np.ndarray) -> np.ndarray:
+    """Masses [kg] of inverse masses w [1/kg], 0 where w is 0."""
+    return np.divide(1.0, w, out=np.zeros(len(w)), where=w > 0.0)
+
+
+@dataclass(frozen=True, repr=False)
 class Model:
     """A particle graph as `ModelBuilder.finalize` leaves it. float64 numpy arrays; simulations copy them to their
     device and precision.
@@ -76,8 +79,20 @@ class Model:
         return self.real.__name__
 
     @property
-    def vec3(self) -> type:
-        return PRECISIONS[self.real]["Vec3"]
+    def mass(self) -> np.ndarray:
+        """[kg], float64 [particle_count]; 0 of fixed particles."""
+        return masses(self.w)
+
+    @property
+    def collides(self) -> bool:
+        """Whether there is anything to be in contact with."""
+        return self.contacts is not None or len(self.colliders.kind) > 0
+
+    def __repr__(self) -> str:
+        counts = {"distances": len(self.distance), "points": len(self.point), "colliders": len(self.colliders.kind)}
+        there = "".join(f", {count} {name}" for name, count in counts.items() if count)
+        contacts = ", contacts" if self.contacts else ""
+        return f"Model({self.particle_count} particles{there}{contacts}; {self.dtype} on {self.device})"
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from pbd_warp.errors import SimulationFailed
 from pbd_warp.grab.drag import Drag
 from pbd_warp.measure import measure
 from pbd_warp.model.model import Model
-from pbd_warp.run import make_simulation
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.stability.classify import Figures
@@ -45,7 +43,7 @@ def run_scene(
     """
     model = scene.builder.finalize(dtype=dtype)
     # As far as it goes: nothing is rescued, and a cell is judged by its own thresholds.
-    sim = make_simulation(replace(scene, on_failure="continue", limits=Limits(stretch=None)), model)
+    sim = Simulation(model, scene.settings, on_failure="continue", limits=Limits(stretch=None))
     drag = Drag(scene.drag)
     measures = [measure(sim)]
     missed = stopped = False
@@ -90,7 +88,7 @@ def size_of(model: Model) -> float:
 
 def _to_spend(model: Model) -> float:
     """Kinetic energy at the start, and all weight falling by the scene's size [J]."""
-    mass = np.divide(1.0, model.w, out=np.zeros_like(model.w), where=model.w > 0.0)
+    mass = model.mass
     gravity = float(np.linalg.norm(model.gravity)) or EARTH
     return float(0.5 * mass @ np.sum(model.v**2, axis=1) + mass.sum() * gravity * size_of(model))
 

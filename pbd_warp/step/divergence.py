@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 
 from pbd_warp import check
-from pbd_warp.kernels.divergence import CHUNK, sum_energy, watch_energy, watch_stretch
-
-if TYPE_CHECKING:
-    from pbd_warp.simulation import Simulation
-
-NOTHING = np.iinfo(np.int32).max
-"""In `diverged`: nothing to tell."""
+from pbd_warp.kernels.divergence import CHUNK, check_energy, check_stretch, sum_energy
+from pbd_warp.step.context import NOTHING, Context
 
 
 @dataclass(frozen=True)
@@ -40,39 +34,36 @@ class Limits:
 
 
 class DivergenceMonitor:
-    """The limits of one simulation; `diverged` is what its frame has found: a particle, an edge, 0 for energy."""
+    """Compares a frame with the limits, in its last launches."""
 
-    def __init__(self, sim: Simulation, limits: Limits):
-        self._sim = sim
-        model = sim.model
-        self.diverged = sim.upload("diverged", [NOTHING] * 3, wp.int32)
+    def __init__(self, context: Context, limits: Limits):
+        self._context = context
+        model = context.model
         self._stretch_limit = None
         if limits.stretch is not None and len(model.distance):
             self._stretch_limit = (1.0 + limits.stretch) ** 2
-            self._edge = sim.upload("watch.edge", model.distance.edge, wp.vec2i)
-            self._rest_length = sim.upload("watch.rest_length", model.distance.rest_length)
+            self._edge = context.upload("divergence.edge", model.distance.edge, wp.vec2i)
+            self._rest_length = context.upload("divergence.rest_length", model.distance.rest_length)
         self.energy_limit = None
         if limits.energy is not None:
-            free = model.w > 0.0
-            mass = np.divide(1.0, model.w, out=np.zeros_like(model.w), where=free)
-            start = mass @ (0.5 * np.sum(model.v**2, axis=1) - model.x @ model.gravity)
+            start = model.mass @ (0.5 * np.sum(model.v**2, axis=1) - model.x @ model.gravity)
             self.energy_limit = float(start) + limits.energy
-            self._mass = sim.upload("watch.mass", mass)
-            self._energy = sim.allocate("watch.energy", 1, wp.float64)
+            self._mass = context.upload("divergence.mass", model.mass)
+            self._energy = context.allocate("divergence.energy", 1, wp.float64)
 
     def restart(self) -> None:
-        self.diverged.fill_(NOTHING)
+        """Forget what was found."""
+        self._context.diverged.fill_(NOTHING)
 
     def launch(self) -> None:
         """At the end of a frame."""
-        sim = self._sim
-        x = sim.state.x
+        context = self._context
+        x = context.state.x
         if self._stretch_limit is not None:
-            sim.launch(
-                watch_stretch, len(self._edge), self._edge, self._rest_length, x, self._stretch_limit, self.diverged
+            context.launch(
+                check_stretch, len(self._edge), self._edge, self._rest_length, x, self._stretch_limit, context.diverged
             )
         if self.energy_limit is not None:
-            gravity = sim.vec3(*sim.model.gravity)
             chunks = -(-len(x) // int(CHUNK))
-            sim.launch(sum_energy, chunks, gravity, self._mass, x, sim.state.v, self._energy)
-            sim.launch(watch_energy, 1, self.energy_limit, self._energy, self.diverged)
+            context.launch(sum_energy, chunks, context.gravity, self._mass, x, context.state.v, self._energy)
+            context.launch(check_energy, 1, self.energy_limit, self._energy, context.diverged)

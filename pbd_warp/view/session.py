@@ -13,13 +13,13 @@ import numpy as np
 from pbd_warp.cost import cost_sheet
 from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.grab.grabber import Grabber
-from pbd_warp.grab.recording import CHANGE, Recording, summary
+from pbd_warp.grab.recording import CHANGE, Recording, interactive, summary
 from pbd_warp.measure import measure
 from pbd_warp.scene import Scene, load_scene, scene_names
 from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.integrators import INTEGRATORS
-from pbd_warp.step.methods import METHODS
+from pbd_warp.step.methods import METHODS, Direct
 from pbd_warp.usd.writer import shown_widths
 from pbd_warp.view import messages as say
 from pbd_warp.view.surroundings import describe
@@ -40,7 +40,7 @@ class Session:
     Not for several threads at once: whoever has several calls it from one at a time.
 
     Args:
-        scene: The first scene, with its settings. source: Its name, or its file; seed, scene_settings: what
+        scene: The first scene, with its settings. source: Its name, or its file; seed, parameters: what
             `load_scene` made it from.
         device, dtype: Of all simulations.
 
@@ -62,11 +62,11 @@ class Session:
         device: str | None = None,
         dtype: str = "float32",
         seed: int | None = None,
-        scene_settings: Mapping[str, str] | None = None,
+        parameters: Mapping[str, str] | None = None,
     ):
         self._first = scene
         self._sources = {name: name for name in scene_names()} | {scene.name: source}
-        self._made_from = seed, dict(scene_settings or {})
+        self._made_from = seed, dict(parameters or {})
         self._device, self._dtype = device, dtype
         self.paused = False
         self.generation = 0
@@ -164,7 +164,7 @@ class Session:
                 "substeps": settings.substeps,
                 "damping": settings.damping,
                 "stiffness": self._stiffness(),
-                "gravity": list(settings.gravity),
+                "gravity": self.sim.model.gravity.tolist(),
             },
             "cost": self._cost,
         }
@@ -175,24 +175,22 @@ class Session:
 
     def _open(self, scene: Scene) -> None:
         model = scene.builder.finalize(device=self._device, dtype=self._dtype)
-        settings = Settings.of(scene)
-        sim = settings.simulation(scene, model)
+        settings = interactive(scene.settings)
+        sim = Simulation(model, settings)
         self.scene, self.model = scene, model
         self.generation += 1
         self._start(settings, sim)
 
     def _begin(self, settings: Settings) -> None:
-        self._start(settings, settings.simulation(self.scene, self.model))
+        self._start(settings, Simulation(self.model, settings))
 
     def _start(self, settings: Settings, sim: Simulation) -> None:
         """From the initial state, with a recording of its own."""
         self._use(settings, sim)
         self.grabber = Grabber(sim, lambda gesture, value: self.recording.note(self.frame, gesture, value))
         self.holder = self.failure = None
-        seed, scene_settings = self._made_from if self.scene is self._first else (None, {})
-        self.recording = Recording(
-            *(self.scene.name, seed, scene_settings, summary(self.model), self.scene.fps, self._dtype, settings)
-        )
+        seed, parameters = self._made_from if self.scene is self._first else (None, {})
+        self.recording = Recording(*(self.scene.name, seed, parameters, summary(self.model), self._dtype, settings))
         self._positions = self.sim.state.x.numpy().astype(np.float32)
 
     def _use(self, settings: Settings, sim: Simulation) -> None:
@@ -222,7 +220,7 @@ class Session:
         self.holder = who if self.grabber.particle is not None else None
 
     def _change(self, changes: Mapping[str, Any]) -> None:
-        new = self.settings.changed(self.scene, **changes)
+        new = self._changed(**changes)
         if changes.keys() & {"method", "iterations", "substeps"}:
             sweeps = new.substeps * new.method.iterations
             if sweeps > MOST_SWEEPS:
@@ -233,10 +231,26 @@ class Session:
         if self.failure is not None:
             self._begin(new)  # there is no state to go on from
             return
-        sim = new.continued(self.sim, self.scene, self.model)
+        sim = self.sim.continue_with(new)
         self._use(new, sim)
         self.grabber.sim = sim
         self.recording.note(self.frame, CHANGE, new)
+
+    def _changed(self, *, method: str | None = None, iterations: int | None = None, **others: Any) -> Settings:
+        """The present settings with others in their place: `method` by its name, its `iterations`, and any other.
+
+        The scene's own method comes as the scene has it. Another one begins with its defaults, but keeps the number of
+        iterations, unless one of the two is `Direct`, to which the number is only a limit.
+        """
+        new, own = self.settings.changed(**others), self.scene.settings.method
+        if method is not None and method != new.method.name:
+            if method == own.name:
+                new = new.changed(method=own)
+            elif Direct.name in (method, new.method.name):
+                new = new.with_method(method)
+            else:
+                new = new.with_method(method, iterations=new.method.iterations)
+        return new if iterations is None else new.with_method(iterations=iterations)
 
     def _load(self, name: str) -> None:
         if name not in self._sources:

@@ -1,11 +1,9 @@
-"""Lines 8 and 16: contacts between particles and with colliders, bound to a simulation.
+"""Lines 8 and 16: contacts between particles and with colliders, bound to a device.
 
 The maths is in kernels/contact.py, kernels/collider.py and kernels/bounce.py.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -14,9 +12,7 @@ from pbd_warp.kernels.bounce import bounce, count_active
 from pbd_warp.kernels.collider import find_collider_contacts
 from pbd_warp.kernels.contact import find_contacts, note_overflow, project_contact, sweep_midpoints
 from pbd_warp.kernels.jacobi import add_corrections
-
-if TYPE_CHECKING:
-    from pbd_warp.simulation import Simulation
+from pbd_warp.step.context import Context, Stage
 
 MARGIN = 0.05
 """Contacts are watched from this fraction of r_i + r_j before touching: other constraints move particles within the
@@ -29,68 +25,78 @@ RESTING_STEPS = 2.0
 """An approach slower than gravity makes in this many steps is rest, not impact (Mueller et al. 2020, section 3.6)."""
 
 
-class BoundContacts:
-    """The contacts of one step: found anew in every substep, projected in every sweep."""
+class ContactConstraints:
+    """The contacts of one step: found anew in every substep, projected in every sweep.
 
-    def __init__(self, sim: Simulation):
-        self._sim = sim
-        model = sim.model
+    Args:
+        valence: Constraints that share each particle's mass but for contacts, int32 [particle_count].
+        max_contacts: Room for them; by default for what equal spheres need.
+
+    Attributes:
+        valence: With the contacts of the step, on the device.
+    """
+
+    def __init__(self, context: Context, valence: np.ndarray, max_contacts: int | None = None):
+        self._context = context
+        model = context.model
+        self._lasting_valence = context.upload("contact.lasting_valence", valence, wp.int32)
+        self.valence = context.allocate("contact.valence", model.particle_count, wp.int32)
         n = model.particle_count
         colliders = model.colliders
         self.pairs = model.contacts is not None
-        self.capacity = sim.max_contacts or CONTACTS_PER_PARTICLE * n + 64
-        self.radius = sim.upload("contact.radius", model.radius)
-        self.count = sim.allocate("contact.count", 1, wp.int32)
-        self.needed = sim.allocate("contact.needed", 1, wp.int32)
-        self.pair = sim.allocate("contact.pair", self.capacity, wp.vec2i)
-        self.normal = sim.allocate("contact.normal", self.capacity, sim.vec3)
-        self.gap = sim.allocate("contact.gap", self.capacity, sim.real)
-        self.lam = sim.allocate("contact.lam", self.capacity, sim.real)
+        self.capacity = room_for_contacts(n, max_contacts)
+        self.radius = context.upload("contact.radius", model.radius)
+        self.count = context.allocate("contact.count", 1, wp.int32)
+        self.needed = context.allocate("contact.needed", 1, wp.int32)
+        self.pair = context.allocate("contact.pair", self.capacity, wp.vec2i)
+        self.normal = context.allocate("contact.normal", self.capacity, context.vec3)
+        self.gap = context.allocate("contact.gap", self.capacity, context.real)
+        self.lam = context.allocate("contact.lam", self.capacity, context.real)
         self.lam_friction = None
         if np.any(colliders.friction > 0.0) or (model.contacts and model.contacts.friction > 0.0):
-            self.lam_friction = sim.allocate("contact.lam_friction", self.capacity, sim.vec3)
-        self.v_before = sim.allocate("contact.v_before", n, sim.vec3)
-        self.dv = sim.allocate("contact.dv", n, sim.vec3)
-        self.active = sim.allocate("contact.active", n, wp.int32)
+            self.lam_friction = context.allocate("contact.lam_friction", self.capacity, context.vec3)
+        self.v_before = context.allocate("contact.v_before", n, context.vec3)
+        self.dv = context.allocate("contact.dv", n, context.vec3)
+        self.active = context.allocate("contact.active", n, wp.int32)
         self.found = (self.count, self.pair, self.normal, self.gap)
         self.friction = model.contacts.friction if model.contacts else 0.0
         self.restitution = model.contacts.restitution if model.contacts else 0.0
-        self.recovery = -1.0  # all of an overlap in one step
-        if sim.depenetration_speed is not None:
-            self.recovery = sim.depenetration_speed * sim.substep_dt
-        self.resting = RESTING_STEPS * float(np.linalg.norm(model.gravity)) * sim.substep_dt
+        self.depenetration = -1.0  # all of an overlap in one step
+        if context.depenetration_speed is not None:
+            self.depenetration = context.depenetration_speed * context.dt
+        self.resting = RESTING_STEPS * float(np.linalg.norm(model.gravity)) * context.dt
 
-        self.kind = sim.upload("collider.kind", colliders.kind, wp.int32)
-        self.centre = sim.upload("collider.centre", colliders.centre, sim.vec3)
-        self.plane_normal = sim.upload("collider.normal", colliders.normal, sim.vec3)
-        self.size = sim.upload("collider.size", colliders.size)
-        self.collider_friction = sim.upload("collider.friction", colliders.friction)
-        self.collider_restitution = sim.upload("collider.restitution", colliders.restitution)
+        self.kind = context.upload("collider.kind", colliders.kind, wp.int32)
+        self.centre = context.upload("collider.centre", colliders.centre, context.vec3)
+        self.plane_normal = context.upload("collider.normal", colliders.normal, context.vec3)
+        self.size = context.upload("collider.size", colliders.size)
+        self.collider_friction = context.upload("collider.friction", colliders.friction)
+        self.collider_restitution = context.upload("collider.restitution", colliders.restitution)
 
         if self.pairs:
             self.max_radius = float(model.radius.max())
             self.cell_width = 2.0 * self.max_radius * (1.0 + MARGIN)
             # Some two cells a particle; the grid wraps around, so its extent does not bound the scene.
             side = int(np.clip(np.ceil(np.cbrt(2.0 * n)), 8, 128))
-            self.grid = wp.HashGrid(side, side, side, device=model.device, dtype=sim.real)
+            self.grid = wp.HashGrid(side, side, side, device=model.device, dtype=context.real)
             self.grid.reserve(n)
-            self.midpoint = sim.allocate("contact.midpoint", n, sim.vec3)
-            self.sweep = sim.allocate("contact.sweep", n, sim.real)
+            self.midpoint = context.allocate("contact.midpoint", n, context.vec3)
+            self.sweep = context.allocate("contact.sweep", n, context.real)
             self.neighbour_start = self.neighbour = None
             if len(model.distance):
                 start, neighbour = neighbours(model.distance.edge, n)
-                self.neighbour_start = sim.upload("contact.neighbour_start", start, wp.int32)
-                self.neighbour = sim.upload("contact.neighbour", neighbour, wp.int32)
+                self.neighbour_start = context.upload("contact.neighbour_start", start, wp.int32)
+                self.neighbour = context.upload("contact.neighbour", neighbour, wp.int32)
 
     def find(self) -> None:
         """Line 8: generateCollisionConstraints(x -> p)."""
-        sim = self._sim
-        launch = sim.launch
-        n = sim.model.particle_count
-        x, w, u = sim.state.x, sim.w, sim.u
+        context = self._context
+        launch = context.launch
+        n = context.model.particle_count
+        x, w, u = context.state.x, context.w, context.u
         launch.zero(self.count)
-        launch.copy(sim.share, sim.valence)
-        launch.copy(self.v_before, sim.state.v)
+        launch.copy(self.valence, self._lasting_valence)
+        launch.copy(self.v_before, context.state.v)
         if self.pairs:
             launch(sweep_midpoints, n, x, u, self.midpoint, self.sweep)
             launch.build_grid(self.grid, self.midpoint, self.cell_width)
@@ -102,56 +108,67 @@ class BoundContacts:
                     self.radius,
                     self.max_radius,
                     MARGIN,
-                    self.recovery,
+                    self.depenetration,
                     self.neighbour_start,
                     self.neighbour,
                 ),
                 *(x, w, u, self.midpoint, self.sweep),
-                *(*self.found, sim.share),
+                *(*self.found, self.valence),
             )
         if len(self.kind):
             launch(
                 find_collider_contacts,
                 n,
-                *(self.kind, self.centre, self.plane_normal, self.size, self.radius, MARGIN, self.recovery),
+                *(self.kind, self.centre, self.plane_normal, self.size, self.radius, MARGIN, self.depenetration),
                 *(x, w, u),
-                *(*self.found, sim.share),
+                *(*self.found, self.valence),
             )
         launch(note_overflow, 1, self.count, self.capacity, self.needed)
 
-    def begin(self) -> None:
-        self._sim.launch.zero(self.lam)
+    def begin(self, stage: Stage) -> None:
+        self._context.launch.zero(self.lam)
         if self.lam_friction is not None:
-            self._sim.launch.zero(self.lam_friction)
+            self._context.launch.zero(self.lam_friction)
 
     def project(
-        self, u: wp.array, share: wp.array | None, relaxation: float, residual: wp.array | None, correction: wp.array
+        self,
+        stage: Stage,
+        u: wp.array,
+        valence: wp.array | None,
+        relaxation: float,
+        residual: wp.array | None,
+        correction: wp.array,
     ) -> None:
         """Line 10 for contacts."""
-        sim = self._sim
-        sim.launch(
+        context = self._context
+        context.launch(
             project_contact,
             self.capacity,
             *(self.radius, self.friction, self.collider_friction),
-            *(sim.state.x, sim.w, *self.found, u, share, relaxation),
+            *(context.state.x, context.w, *self.found, u, valence, relaxation),
             *(self.lam, self.lam_friction, residual, correction),
         )
 
     def update_velocities(self) -> None:
         """Line 16: velocityUpdate."""
-        sim = self._sim
-        launch = sim.launch
+        context = self._context
+        launch = context.launch
         launch.zero(self.active)
         launch(count_active, self.capacity, self.count, self.pair, self.lam, self.active)
         launch(
             bounce,
             self.capacity,
             *(self.friction, self.restitution, self.collider_friction, self.collider_restitution, self.resting),
-            *(sim.state.x, sim.state.v, sim.w),
+            *(context.state.x, context.state.v, context.w),
             *(self.count, self.pair, self.normal, self.lam, self.v_before, self.active),
             self.dv,
         )
-        launch(add_corrections, len(self.dv), None, self.dv, sim.state.v)
+        launch(add_corrections, len(self.dv), None, self.dv, context.state.v)
+
+
+def room_for_contacts(particle_count: int, max_contacts: int | None) -> int:
+    """How many contacts there can be in one step."""
+    return max_contacts or CONTACTS_PER_PARTICLE * particle_count + 64
 
 
 def neighbours(edge: np.ndarray, particle_count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,6 @@
-"""How velocity becomes position and back. An integrator has `order`, the lengths of its `stages` relative to a step,
-`mean_gradient` (forces along the mean of the configurations before and after), `per_force(stage)`, and for each stage
-`predict(dt, part)` (lines 5-7) and `update(dt)` (lines 12-15); `restart()` forgets the past."""
+"""How velocity becomes position and back. An integrator has `order`, `mean_gradient` (forces along the mean of the
+configurations before and after), the `stages` of its step, and for each of them `predict(stage)` (lines 5 and 7) and
+`update(stage)` (lines 12-15); `restart()` forgets the past."""
 
 from pbd_warp.step.integrators.bdf2 import BDF2
 from pbd_warp.step.integrators.midpoint import Midpoint

@@ -2,15 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import warp as wp
-
 from pbd_warp.kernels.midpoint import predict_midpoint, update_midpoint
-from pbd_warp.step.integrators.second_order import refuse_first_order_features
-
-if TYPE_CHECKING:
-    from pbd_warp.simulation import Simulation
+from pbd_warp.step.context import Context, Stage
 
 
 class Midpoint:
@@ -20,37 +13,39 @@ class Midpoint:
     converges in. Nothing is damped: what a step too long for a whip puts into the fast modes stays there.
     """
 
-    name = "midpoint"
     order = 2
-    stages: tuple[float, ...] = (1.0,)
     mean_gradient = True
+    composition: tuple[float, ...] = (1.0,)
+    """Lengths of the stages, relative to the step."""
 
-    def __init__(self, sim: Simulation):
-        refuse_first_order_features(self.name, sim)
-        self._sim = sim
-        self._gravity = sim.vec3(*sim.model.gravity)
-        self._per_force = [
-            sim.upload(f"per_force.{number}", [2.0 / (stage * sim.substep_dt) ** 2])
-            for number, stage in enumerate(self.stages)
+    def __init__(self, context: Context, damped: bool = False):
+        self._context = context
+        before = (*self.composition[-1:], *self.composition)  # the first stage comes after the last of one step ago
+        self.stages = [
+            Stage(
+                dt=length * context.dt,
+                compliance_scale=context.upload(f"compliance_scale.{number}", [2.0 / (length * context.dt) ** 2]),
+                lam_scale=(length / before[number]) ** 2,
+                mean_gradient=True,
+            )
+            for number, length in enumerate(self.composition)
         ]
 
-    def per_force(self, stage: int) -> wp.array:
-        """2 / dt^2, with the dt of the stage."""
-        return self._per_force[stage]
-
-    def predict(self, dt: float, part: float) -> None:
-        sim = self._sim
-        sim.launch(
-            predict_midpoint,
-            len(sim.u),
-            *(self._gravity, sim.state.x, sim.state.v, sim.w, dt),
-            *(sim.grabbed, sim.grab_target, part),
-            sim.u,
+    def predict(self, stage: Stage) -> None:
+        """Lines 5 and 7."""
+        context = self._context
+        context.launch(
+            predict_midpoint, len(context.u), context.gravity, context.state.v, context.w, stage.dt, context.u
         )
 
-    def update(self, dt: float) -> None:
-        sim = self._sim
-        sim.launch(update_midpoint, len(sim.u), sim.w, sim.u, dt, sim.state.x, sim.state.v, sim.diverged)
+    def update(self, stage: Stage) -> None:
+        """Lines 12-15."""
+        context = self._context
+        context.launch(
+            update_midpoint,
+            len(context.u),
+            *(context.w, context.u, stage.dt, context.state.x, context.state.v, context.diverged),
+        )
 
     def restart(self) -> None:
         """One step knows nothing of another."""

@@ -15,6 +15,5 @@ class Midpoint4(Midpoint):
     velocities have order 2 in the part that would stretch rigid links, which the next step takes out again.
     """
 
-    name = "midpoint4"
     order = 4
-    stages = (S, S, 1.0 - 4.0 * S, S, S)
+    composition = (S, S, 1.0 - 4.0 * S, S, S)

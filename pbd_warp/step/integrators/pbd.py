@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-import warp as wp
-
 from pbd_warp.kernels.integrate import predict, update
-
-if TYPE_CHECKING:
-    from pbd_warp.simulation import Simulation
+from pbd_warp.step.context import Context, Stage
 
 
 class PBD:
@@ -17,37 +11,27 @@ class PBD:
 
     Source: Mueller et al. 2007, section 3.1, lines 5, 7 and 12-15. As robust as it gets; order 1, and energy is lost:
     a free dumbbell at one turn a second and 60 steps a second loses 64 % of its spin in 5 s.
+
+    damped: Line 5 is run with line 6, before the prediction.
     """
 
     order = 1
-    stages: tuple[float, ...] = (1.0,)
     mean_gradient = False
 
-    def __init__(self, sim: Simulation):
-        self._sim = sim
-        self._gravity = sim.vec3(*sim.model.gravity)
-        self._per_force = sim.upload("per_force", [1.0 / sim.substep_dt**2])
+    def __init__(self, context: Context, damped: bool = False):
+        self._context = context
+        self._gravity = context.vec3() if damped else context.gravity
+        self.stages = [Stage(context.dt, context.upload("compliance_scale", [1.0 / context.dt**2]))]
 
-    def per_force(self, stage: int) -> wp.array:
-        """1 over what a force over mass is multiplied by on its way to the displacement, [1] on the device [1/s^2]."""
-        return self._per_force
+    def predict(self, stage: Stage) -> None:
+        """Lines 5 and 7."""
+        context = self._context
+        context.launch(predict, len(context.u), self._gravity, context.w, stage.dt, context.state.v, context.u)
 
-    def predict(self, dt: float, part: float) -> None:
-        """Lines 5 and 7. `part`: of the way to its target that the grabbed particle goes in this step."""
-        sim = self._sim
-        gravity = sim.vec3() if sim.damper else self._gravity  # which damping has added already
-        sim.launch(
-            predict,
-            len(sim.u),
-            *(gravity, sim.state.x, sim.w, dt),
-            *(sim.grabbed, sim.grab_target, part),
-            *(sim.state.v, sim.u),
-        )
-
-    def update(self, dt: float) -> None:
+    def update(self, stage: Stage) -> None:
         """Lines 12-15."""
-        sim = self._sim
-        sim.launch(update, len(sim.u), sim.u, dt, sim.state.x, sim.state.v, sim.diverged)
+        context = self._context
+        context.launch(update, len(context.u), context.u, stage.dt, context.state.x, context.state.v, context.diverged)
 
     def restart(self) -> None:
-        """Forget what came before; called when a particle is taken or let go of. There is nothing to forget."""
+        """Forget what came before; called when a particle is grabbed or let go of. There is nothing to forget."""

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import warp as wp
 
 from pbd_warp.errors import InputError
 from pbd_warp.kernels.direct import add_corrections_to_both, solve_paths
-from pbd_warp.kernels.precision import PRECISIONS
+from pbd_warp.model.model import Model
+from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.constraints.distance import LimitedLengths
+from pbd_warp.step.context import Context, Stage
 from pbd_warp.step.methods.iteration import check_iterations
-
-if TYPE_CHECKING:
-    from pbd_warp.model.model import Model
-    from pbd_warp.simulation import Simulation
 
 ROUND_OFF = 16.0
 """The tolerance by default, in machine epsilons of the longest link."""
@@ -59,82 +57,85 @@ class Direct:
         """No mass is shared but among contacts."""
         return np.zeros(model.particle_count, np.int32)
 
-    def bind(self, sim: Simulation) -> DirectSolver:
-        return DirectSolver(self, sim)
+    def bind(self, context: Context, contacts: ContactConstraints | None) -> DirectSolver:
+        return DirectSolver(self, context, contacts)
 
 
 class DirectSolver:
-    """Lines 9-11 on one simulation."""
+    """Lines 9-11 on one model."""
 
-    def __init__(self, method: Direct, sim: Simulation):
-        self._sim = sim
+    def __init__(self, method: Direct, context: Context, contacts: ContactConstraints | None):
+        self._context = context
+        self._contacts = contacts
         self._method = method
-        model = sim.model
+        model = context.model
         edges, points = model.distance, model.point
         _refuse(model)
         vertex, first, link = paths(edges.edge, points.particle)
         place = len(vertex)
-        self._first = sim.upload("direct.first", first, wp.int32)
-        self._vertex = sim.upload("direct.vertex", vertex, wp.int32)
-        rest_length = sim.upload("direct.rest_length", _spread(edges.rest_length, link, 1.0))
+        self._first = context.upload("direct.first", first, wp.int32)
+        self._vertex = context.upload("direct.vertex", vertex, wp.int32)
+        rest_length = context.upload("direct.rest_length", _spread(edges.rest_length, link, 1.0))
         along = np.stack([vertex, np.where(link >= 0, np.append(vertex[1:], -1), vertex)], axis=1)
         soft = _spread(edges.compliance, link, 0.0) > 0.0
-        self._recovering = LimitedLengths(sim, "direct", sim.upload("direct.edge", along, wp.vec2i), rest_length, soft)
+        self._lengths = LimitedLengths(
+            context, "direct", context.upload("direct.edge", along, wp.vec2i), rest_length, soft
+        )
         self._compliance = self._point = self._target = self._point_compliance = None
         if np.any(edges.compliance > 0.0):
-            self._compliance = sim.upload("direct.compliance", _spread(edges.compliance, link, 0.0))
+            self._compliance = context.upload("direct.compliance", _spread(edges.compliance, link, 0.0))
         if len(points):
             at = np.full(model.particle_count, -1)
             at[points.particle] = np.arange(len(points))
-            self._point = sim.upload("direct.point", at[vertex], wp.int32)
-            self._target = sim.bind_points().target
+            self._point = context.upload("direct.point", at[vertex], wp.int32)
+            self._target = context.point_target
             if np.any(points.compliance > 0.0):
-                self._point_compliance = sim.upload("direct.point_compliance", points.compliance)
-        self._base = sim.allocate("direct.base", model.particle_count, sim.vec3)
-        mat33 = PRECISIONS[sim.real]["Mat33"]
-        scratch = {"inverse": mat33, "solution": sim.vec3, "gradient": sim.vec3, "normal": sim.vec3}
-        scratch |= {"kappa": sim.real, "lam_gain": sim.vec3, "lam_solution": sim.real}
-        self._scratch = [sim.allocate(f"direct.{name}", place, dtype) for name, dtype in scratch.items()]
-        self._lam = sim.allocate("direct.lam", place, sim.real)
+                self._point_compliance = context.upload("direct.point_compliance", points.compliance)
+        self._base = context.allocate("direct.base", model.particle_count, context.vec3)
+        scratch = {"inverse": context.mat33, "solution": context.vec3, "gradient": context.vec3, "normal": context.vec3}
+        scratch |= {"kappa": context.real, "lam_gain": context.vec3, "lam_solution": context.real}
+        self._scratch = [context.allocate(f"direct.{name}", place, dtype) for name, dtype in scratch.items()]
+        self._lam = context.allocate("direct.lam", place, context.real)
         longest = float(edges.rest_length.max())
         epsilon = float(np.finfo(model.dtype).eps)
         self._round_off = ROUND_OFF * epsilon
         self._tolerance, self._accepted = self._round_off * longest, epsilon ** (2.0 / 3.0) * longest
         if method.tolerance is not None:
             self._tolerance = self._accepted = method.tolerance
-        self._counters = sim.count_iterations()
-        if sim.contacts:
-            self._correction = sim.allocate("direct.correction", model.particle_count, sim.vec3)
+        self.counters = context.allocate("direct.counters", 2, wp.int32)
+        if contacts:
+            self._correction = context.allocate("direct.correction", model.particle_count, context.vec3)
 
     def restart(self) -> None:
         """Forget the multipliers, which a step takes from the one before as a first guess."""
         self._lam.zero_()
 
-    def solve(self) -> None:
-        sim = self._sim
-        sim.launch.copy(self._base, sim.u)
-        self._recovering.begin()
-        if not sim.contacts:
-            self._newton(sim.lam_scale)
+    def solve(self, stage: Stage) -> None:
+        context = self._context
+        launch, u = context.launch, context.u
+        launch.copy(self._base, u)
+        self._lengths.begin(stage)
+        if not self._contacts:
+            self._newton(stage, stage.lam_scale)
             return
-        sim.contacts.begin()
+        self._contacts.begin(stage)
         for k in range(self._method.iterations):
-            sim.contacts.project(sim.u, sim.share, 1.0, None, self._correction)
-            sim.launch(add_corrections_to_both, len(sim.u), self._correction, self._base, sim.u)
-            self._newton(sim.lam_scale if k == 0 else 1.0)
+            self._contacts.project(stage, u, self._contacts.valence, 1.0, None, self._correction)
+            launch(add_corrections_to_both, len(u), self._correction, self._base, u)
+            self._newton(stage, stage.lam_scale if k == 0 else 1.0)
 
-    def _newton(self, lam_scale: float) -> None:
-        sim = self._sim
-        sim.launch(
+    def _newton(self, stage: Stage, lam_scale: float) -> None:
+        context = self._context
+        context.launch(
             solve_paths,
             len(self._first) - 1,
-            *(self._first, self._vertex, self._recovering.rest_now, self._compliance),
+            *(self._first, self._vertex, self._lengths.now, self._compliance),
             *(self._point, self._target, self._point_compliance),
-            *(sim.state.x, sim.w),
-            *(self._base, sim.per_force, sim.integrator.mean_gradient, lam_scale),
+            *(context.state.x, context.w),
+            *(self._base, stage.compliance_scale, stage.mean_gradient, lam_scale),
             *(self._method.iterations, self._tolerance, self._accepted, self._round_off),
             *self._scratch,
-            *(self._lam, sim.u, *self._counters),
+            *(self._lam, context.u, self.counters[0:1], self.counters[1:2]),
         )
 
 

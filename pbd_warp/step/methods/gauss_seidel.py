@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import warp as wp
 
 from pbd_warp.kernels.jacobi import add_corrections
+from pbd_warp.model.model import Model
+from pbd_warp.step.constraints.contact import ContactConstraints
+from pbd_warp.step.constraints.distance import Distances
+from pbd_warp.step.constraints.point import Points
+from pbd_warp.step.context import Context, Stage
 from pbd_warp.step.methods.iteration import Iterations, check_iterations
-
-if TYPE_CHECKING:
-    from pbd_warp.model.model import Model
-    from pbd_warp.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -44,46 +45,50 @@ class GaussSeidel:
         """No mass is shared but among contacts."""
         return np.zeros(model.particle_count, np.int32)
 
-    def bind(self, sim: Simulation) -> GaussSeidelSolver:
-        return GaussSeidelSolver(self, sim)
+    def bind(self, context: Context, contacts: ContactConstraints | None) -> GaussSeidelSolver:
+        return GaussSeidelSolver(self, context, contacts)
 
 
 class GaussSeidelSolver:
-    """Lines 9-11 on one simulation."""
+    """Lines 9-11 on one model."""
 
-    def __init__(self, method: GaussSeidel, sim: Simulation):
-        self._sim = sim
-        edges, points = sim.model.distance, sim.model.point
-        self._groups: list = [
-            edges.subset(group).bind(sim, f"distance.{colour}") for colour, group in enumerate(colours(edges.edge))
+    def __init__(self, method: GaussSeidel, context: Context, contacts: ContactConstraints | None):
+        self._context = context
+        self._contacts = contacts
+        edges, points = context.model.distance, context.model.point
+        self._groups: list[Distances | Points] = [
+            Distances(context, edges.subset(group), method.iterations, f"distance.{colour}")
+            for colour, group in enumerate(colours(edges.edge))
         ]
         if len(points):
-            self._groups.append(sim.bind_points())
-        self._iterations = Iterations(sim, method.iterations, method.tolerance)
-        if sim.contacts:
-            self._correction = sim.allocate("gauss_seidel.correction", sim.model.particle_count, sim.vec3)
+            self._groups.append(Points(context, method.iterations))
+        self._iterations = Iterations(context, method.iterations, method.tolerance)
+        self.counters = self._iterations.counters
+        if contacts:
+            self._correction = context.allocate("gauss_seidel.correction", context.model.particle_count, context.vec3)
 
     def restart(self) -> None:
         """Nothing is kept from step to step."""
 
-    def solve(self) -> None:
-        contacts = [self._sim.contacts] if self._sim.contacts else []
-        if not self._groups and not contacts:
+    def solve(self, stage: Stage) -> None:
+        constraints = [*self._groups, *([self._contacts] if self._contacts else [])]
+        if not constraints:
             return
-        for constraint in (*self._groups, *contacts):
-            constraint.begin()
-        self._iterations.run(self._project, self._apply)
+        for constraint in constraints:
+            constraint.begin(stage)
+        self._iterations.run(lambda: self._project(stage), self._apply)
 
-    def _project(self) -> None:
-        sim = self._sim
+    def _project(self, stage: Stage) -> None:
+        u, residual = self._context.u, self._iterations.residual
         for group in self._groups:
-            group.project(sim.u, None, 1.0, self._iterations.residual, sim.u)
-        if sim.contacts:
-            sim.contacts.project(sim.u, sim.share, 1.0, self._iterations.residual, self._correction)
+            group.project(stage, u, None, 1.0, residual, u)
+        if self._contacts:
+            self._contacts.project(stage, u, self._contacts.valence, 1.0, residual, self._correction)
 
     def _apply(self, _: int) -> None:
-        if self._sim.contacts:
-            self._sim.launch(add_corrections, len(self._sim.u), None, self._correction, self._sim.u)
+        if self._contacts:
+            u = self._context.u
+            self._context.launch(add_corrections, len(u), None, self._correction, u)
 
 
 def colours(edge: np.ndarray) -> list[np.ndarray]:

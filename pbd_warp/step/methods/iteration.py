@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
 
 import warp as wp
 
 from pbd_warp import check
 from pbd_warp.kernels.iteration import begin_iterations, end_iteration
-
-if TYPE_CHECKING:
-    from pbd_warp.simulation import Simulation
+from pbd_warp.step.context import Context
 
 
 def check_iterations(iterations: int, tolerance: float | None) -> None:
@@ -25,19 +22,20 @@ class Iterations:
     """Runs sweeps; with a tolerance the device decides after each whether there is another one.
 
     residual: What sweeps write the largest |C| to. count: This iteration on the device, from 1. another: Whether there
-    is another one. All None without a tolerance.
+    is another one. counters: Iterations of the frame, and how many of its steps ended above the
+    tolerance, int32 [2]. All None without a tolerance.
     """
 
-    def __init__(self, sim: Simulation, iterations: int, tolerance: float | None):
-        self._sim = sim
+    def __init__(self, context: Context, iterations: int, tolerance: float | None):
+        self._context = context
         self._iterations = iterations
         self._tolerance = tolerance
-        self.residual = self.count = self.another = None
+        self.residual = self.count = self.another = self.counters = None
         if tolerance is not None:
-            self.residual = sim.allocate("iteration.residual", 1, sim.real)
-            self.count = sim.allocate("iteration.count", 1, wp.int32)
-            self.another = sim.allocate("iteration.another", 1, wp.int32)
-            self._counters = sim.count_iterations()
+            self.residual = context.allocate("iteration.residual", 1, context.real)
+            self.count = context.allocate("iteration.count", 1, wp.int32)
+            self.another = context.allocate("iteration.another", 1, wp.int32)
+            self.counters = context.allocate("iteration.counters", 2, wp.int32)
 
     def run(self, project: Callable[[], None], apply: Callable[[int], None]) -> None:
         """`project()` evaluates the constraints, `apply(k)` then moves the particles by what came out in iteration k.
@@ -49,16 +47,17 @@ class Iterations:
                 project()
                 apply(k)
             return
-        launch = self._sim.launch
+        launch = self._context.launch
         launch(begin_iterations, 1, self.count, self.another, self.residual)
         launch.loop(self.another, lambda: self._iterate(project, apply))
 
     def _iterate(self, project: Callable[[], None], apply: Callable[[int], None]) -> None:
+        assert self.counters is not None
         project()
-        self._sim.launch(
+        self._context.launch(
             end_iteration,
             1,
             *(self._tolerance, self._iterations),
-            *(self.residual, self.count, self.another, *self._counters),
+            *(self.residual, self.count, self.another, self.counters[0:1], self.counters[1:2]),
         )
         apply(0)

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
+import warp as wp
 
 from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.kernels.jacobi import add_corrections, add_corrections_accelerated
+from pbd_warp.model.model import Model
+from pbd_warp.step.constraints.contact import ContactConstraints
+from pbd_warp.step.constraints.distance import Distances
+from pbd_warp.step.constraints.point import Points
+from pbd_warp.step.context import Context, Stage
 from pbd_warp.step.methods.iteration import Iterations, check_iterations
-
-if TYPE_CHECKING:
-    from pbd_warp.model.model import Model
-    from pbd_warp.simulation import Simulation
 
 AVERAGINGS = ("mass-splitting", "valence", "none")
 
@@ -77,64 +79,73 @@ class Jacobi:
         model.point.valence(count)
         return count
 
-    def bind(self, sim: Simulation) -> JacobiSolver:
-        return JacobiSolver(self, sim)
+    def bind(self, context: Context, contacts: ContactConstraints | None) -> JacobiSolver:
+        return JacobiSolver(self, context, contacts)
 
 
 class JacobiSolver:
-    """Lines 9-11 on one simulation."""
+    """Lines 9-11 on one model."""
 
-    def __init__(self, method: Jacobi, sim: Simulation):
-        model = sim.model
-        soft = bool(np.any(model.distance.compliance > 0.0) or np.any(model.point.compliance > 0.0))
-        if method.averaging == "valence" and soft:
+    def __init__(self, method: Jacobi, context: Context, contacts: ContactConstraints | None):
+        model = context.model
+        compliant = bool(np.any(model.distance.compliance > 0.0) or np.any(model.point.compliance > 0.0))
+        if method.averaging == "valence" and compliant:
             raise InputError(
                 "compliance needs averaging 'mass-splitting' or 'none': 'valence' moves the particles by "
                 "less than the multipliers say"
             )
-        if method.chebyshev is not None and (soft or sim.contacts):
+        if method.chebyshev is not None and (compliant or contacts):
             raise InputError(
                 "chebyshev is for rigid constraints without contacts: leave it out, or use GaussSeidel or Direct"
             )
-        self._sim = sim
+        self._context = context
         self._method = method
-        self._constraints = [c for c in (*sim.bind_constraints(), sim.contacts) if c]
-        self._correction = sim.allocate("jacobi.correction", model.particle_count, sim.vec3)
-        self._share = sim.share if method.averaging == "mass-splitting" else None
-        self._divisor = sim.share if method.averaging == "valence" else None
-        self._iterations = Iterations(sim, method.iterations, method.tolerance)
+        self._constraints: list[Distances | Points | ContactConstraints] = []
+        if len(model.distance):
+            self._constraints.append(Distances(context, model.distance, method.iterations))
+        if len(model.point):
+            self._constraints.append(Points(context, method.iterations))
+        if contacts:
+            self._constraints.append(contacts)
+        self._correction = context.allocate("jacobi.correction", model.particle_count, context.vec3)
+        valence = contacts.valence if contacts else context.upload("valence", method.valence(model), wp.int32)
+        self._valence = valence if method.averaging == "mass-splitting" else None
+        self._divisor = valence if method.averaging == "valence" else None
+        self._iterations = Iterations(context, method.iterations, method.tolerance)
+        self.counters = self._iterations.counters
         self._omega = None
         if method.chebyshev is not None and self._constraints:
             rho = spectral_radius(model, method) if method.chebyshev == "auto" else float(method.chebyshev)
-            self._omega = sim.upload("jacobi.omega", chebyshev_factors(rho, method.iterations))
-            self._u_before = sim.allocate("jacobi.u_before", model.particle_count, sim.vec3)
+            self._omega = context.upload("jacobi.omega", chebyshev_factors(rho, method.iterations))
+            self._u_before = context.allocate("jacobi.u_before", model.particle_count, context.vec3)
 
     def restart(self) -> None:
         """Nothing is kept from step to step."""
 
-    def solve(self) -> None:
+    def solve(self, stage: Stage) -> None:
         if not self._constraints:
             return
         for constraint in self._constraints:
-            constraint.begin()
-        self._iterations.run(self._project, self._apply)
+            constraint.begin(stage)
+        self._iterations.run(lambda: self._project(stage), self._apply)
 
-    def _project(self) -> None:
+    def _project(self, stage: Stage) -> None:
         for constraint in self._constraints:
             constraint.project(
-                *(self._sim.u, self._share, self._method.relaxation), self._iterations.residual, self._correction
+                *(stage, self._context.u, self._valence, self._method.relaxation),
+                *(self._iterations.residual, self._correction),
             )
 
     def _apply(self, k: int) -> None:
-        sim = self._sim
+        u, launch = self._context.u, self._context.launch
         if self._omega is None:
-            sim.launch(add_corrections, len(sim.u), self._divisor, self._correction, sim.u)
+            launch(add_corrections, len(u), self._divisor, self._correction, u)
         else:
-            sim.launch(
+            launch(
                 add_corrections_accelerated,
-                len(sim.u),
+                len(u),
                 *(self._divisor, self._omega[k:], self._iterations.count, self._iterations.another),
-                *(self._correction, self._u_before, sim.u),
+                *(self._correction, self._u_before, u),
             )
 
 

@@ -1,4 +1,4 @@
-"""Fixed particles that are led: they move with their velocity, which nothing else changes."""
+"""Kinematic particles (w = 0): they move with their velocity, which nothing else changes."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pbd_warp.kernels.precision import Real, Vec3, kernel
 
 
 @kernel
-def lead(
+def move_to_targets(
     # State:
     x: wp.array[Vec3],  # [particle_count] [m]
     # In:
-    particle: wp.array[wp.int32],  # [led_count]
-    target: wp.array[Vec3],  # [led_count] where they are at the end of the frame [m]
+    particle: wp.array[wp.int32],  # [moved_count]
+    target: wp.array[Vec3],  # [moved_count] where they are at the end of the frame [m]
     dt: Real,  # of the frame [s]
     # Out:
     v: wp.array[Vec3],  # [particle_count] [m/s]
@@ -27,7 +27,7 @@ def lead(
 @kernel
 def stop(
     # In:
-    particle: wp.array[wp.int32],  # [led_count]
+    particle: wp.array[wp.int32],  # [moved_count]
     # Out:
     v: wp.array[Vec3],  # [particle_count] [m/s]
 ):
