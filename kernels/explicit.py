@@ -11,15 +11,16 @@ Source: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, sect
 (positions without the stages' velocities: Nystroem's form). The projection is that of Lubich, Eich, Fuehrer in Hairer,
 Wanner II, section VII.2, in the metric of the masses.
 
-Particles that are held (no mass, grabbed, or locked to a point) move through the frame with a constant velocity.
+Particles without mass, or locked to a point, move through the frame with a constant velocity.
 Fails when: nothing satisfies the lengths, or no step is short enough for `error`. The piece then stays where its last
-good step left it, and its first particle is noted.
+good step left it, and its first particle is noted in `diverged`.
 """
 
 from __future__ import annotations
 
 import warp as wp
 
+from pbd_warp.kernels.divergence import PIECE
 from pbd_warp.kernels.graph_multipliers import accelerate_graph, correct_graph
 from pbd_warp.kernels.path_multipliers import accelerate_path, correct_path
 from pbd_warp.kernels.precision import BLOCK, Block, Real, Vec3, func, kernel
@@ -205,9 +206,7 @@ def make_frame(
     vanishing: Real,  # pivot, relative to its diagonal
     # In:
     dt: Real,  # of the frame [s]
-    mass_inverse: wp.array[Real],  # [particle_count] [1/kg], 0 of the grabbed one too
-    grabbed: wp.array[wp.int32],  # [1]
-    grab_target: wp.array[Vec3],  # [1] at the end of the frame [m]
+    mass_inverse: wp.array[Real],  # [particle_count] [1/kg], 0 of what moves as it is told
     # State:
     particle_x: wp.array[Vec3],  # [particle_count] [m]
     particle_v: wp.array[Vec3],  # [particle_count] [m/s]
@@ -239,7 +238,7 @@ def make_frame(
     factor: wp.array[Real],  # [slots]
     # Out:
     steps_used: wp.array[wp.int32],  # [piece_count] those thrown away too
-    failed: wp.array[wp.int32],  # [1] lowest first particle of a piece that did not get to the end of the frame
+    diverged: wp.array[wp.int32],  # [4]: divergence.py
 ):
     piece = wp.tid()
     begin = piece_first[piece]
@@ -261,9 +260,6 @@ def make_frame(
             if point[s] >= 0:
                 w_s = zero
                 v_s = (target[point[s]] - x_s) / dt
-        if i == grabbed[0]:
-            w_s = zero
-            v_s = (grab_target[0] - x_s) / dt
         x[s] = x_s
         v[s] = v_s
         w[s] = w_s
@@ -364,15 +360,14 @@ def make_frame(
     step[piece] = wp.max(length_next, round_off)
     steps_used[piece] = used
     if left > zero:
-        wp.atomic_min(failed, 0, vertex[begin])
+        wp.atomic_min(diverged, PIECE, vertex[begin])
     for s in range(begin, end):
         i = vertex[s]
         x_s = x[s]
-        if left == zero:  # to round-off
-            if i == grabbed[0]:
-                x_s = grab_target[0]
-            if point:
-                if point[s] >= 0:
-                    x_s = target[point[s]]
+        if point:
+            if point[s] >= 0 and left == zero:
+                x_s = target[point[s]]
         particle_x[i] = x_s
         particle_v[i] = v[s]
+        if not wp.isfinite(x_s):
+            wp.atomic_min(diverged, 0, i)

@@ -1,52 +1,29 @@
 """What the tests of the explicit integrator share: a harness, and the differential equations of any rigid graph."""
 
 import numpy as np
-import warp as wp
+from models import state
 from scipy.integrate import solve_ivp
 
-from pbd_warp.model.model import State
-from pbd_warp.step.integrators.dop853 import NOTHING, ExplicitFrame
-from pbd_warp.step.launch import Launcher
+import pbd_warp as pbd
 
 DT = 1.0 / 60.0
 
 
-class Frames:
-    """A model from its initial state, frame by frame."""
+def explicit(model, frames=0, **settings):
+    """A simulation after some frames; "auto" unless it is given substeps."""
+    settings = {"substeps": "auto", **settings} if "substeps" not in settings else settings
+    sim = pbd.Simulation(model, integrator="dop853", **settings)
+    step(sim, frames)
+    return sim
 
-    def __init__(self, model, dt=DT, **settings):
-        def upload(values, dtype):
-            return wp.array(np.asarray(values), dtype=dtype, device=model.device)
 
-        self.state = State(x=upload(model.x, model.vec3), v=upload(model.v, model.vec3))
-        self.w = upload(model.w, model.real)
-        self.grabbed, self.grab_target = upload([-1], wp.int32), upload(np.zeros((1, 3)), model.vec3)
-        self.target = upload(model.point.target, model.vec3) if len(model.point) else None
-        held = (self.w, self.grabbed, self.grab_target, self.target)
-        self.frame = ExplicitFrame(model, dt, self.state, *held, Launcher(model.device, model.real), **settings)
-        self.steps = 0
+def step(sim, frames):
+    for _ in range(frames):
+        sim.step()
 
-    def step(self, frames=1):
-        """Frames, each of which has to succeed."""
-        for _ in range(frames):
-            self.frame.step_frame()
-            self.steps += self.frame.substeps_used
-            assert self.failed is None
-        return self
 
-    @property
-    def failed(self):
-        """The first particle of a piece that failed."""
-        particle = int(self.frame.failed.numpy()[0])
-        return None if particle == NOTHING else particle
-
-    @property
-    def x(self):
-        return self.state.x.numpy().astype(np.float64)
-
-    @property
-    def v(self):
-        return self.state.v.numpy().astype(np.float64)
+def where(sim):
+    return state(sim)[0]
 
 
 def motion(model, time, led=(), velocity=None, rtol=1e-12, atol=1e-13):

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-import warp as wp
-from explicit import DT, Frames, motion
+from explicit import DT, explicit, motion, step, where
+from models import state
 from solving import both_precisions
 
 import pbd_warp as pbd
 from pbd_warp.accuracy import references
-from pbd_warp.errors import InputError
-from pbd_warp.kernels import explicit as kernels
+from pbd_warp.errors import InputError, SimulationFailed
+from pbd_warp.settings import Settings
 from pbd_warp.step.integrators import pieces
 
 
@@ -71,7 +71,9 @@ def cases():
         "path, held inside": graph(crooked, row, fixed=[2, 3], points=[6]),
         "path, springs": graph(crooked, row, fixed=[0], compliance=[0, 0, 1e-2, 0, 1e-2, 0]),
         "springs only": graph(crooked, row, fixed=[0], compliance=1e-2),
-        "two pieces, one a single particle": graph(np.vstack([crooked, [9, 9, 9]]), row, v=[*np.zeros((7, 3)), (1, 2, 3)]),
+        "two pieces, one a single particle": graph(
+            np.vstack([crooked, [9, 9, 9]]), row, v=[*np.zeros((7, 3)), (1, 2, 3)]
+        ),
         "loop": graph(ring, around, fixed=[0]),
         "star": graph(star, [(0, k) for k in range(1, 7)], mass=rng.uniform(0.5, 2.0, 7)),
         "tree": graph(tree, [((k - 1) // 3, k) for k in range(1, 13)], fixed=[5]),
@@ -90,17 +92,17 @@ CASES = cases()
 @pytest.mark.parametrize("case", CASES)
 def test_graphs_move_as_their_differential_equations(case):
     model = CASES[case]
-    x, v = motion(model, 0.25, led=model.point.particle, velocity=0.0)
-    frames = Frames(model, error=1e-10).step(15)
-    assert np.abs(frames.x - x).max() < 1e-11
-    assert np.abs(frames.v - v).max() < 1e-10
+    expected, expected_v = motion(model, 0.25, led=model.point.particle, velocity=0.0)
+    x, v = state(explicit(model, 15, error=1e-10))
+    assert np.abs(x - expected).max() < 1e-11
+    assert np.abs(v - expected_v).max() < 1e-10
     rigid = model.distance.compliance == 0.0
-    assert np.abs(model.distance.residual(frames.x))[rigid].max(initial=0.0) < 2e-15
+    assert np.abs(model.distance.residual(x))[rigid].max(initial=0.0) < 2e-15
 
 
 def test_a_path_moves_the_same_by_either_elimination(monkeypatch):
     model = CASES["path, springs"]
-    along = Frames(model, substeps=3).step(10)
+    along = explicit(model, 10, substeps=3)
     of = pieces.Pieces.of
 
     def no_path(count, edge):
@@ -109,19 +111,19 @@ def test_a_path_moves_the_same_by_either_elimination(monkeypatch):
         return pieces.Pieces(p.first, p.end, p.vertex, ~p.is_path, nowhere, {0: np.arange(len(edge), dtype=np.int32)})
 
     monkeypatch.setattr(pieces.Pieces, "of", no_path)
-    general = Frames(model, substeps=3).step(10)
-    np.testing.assert_allclose(general.x, along.x, rtol=0, atol=1e-13)
+    general = explicit(model, 10, substeps=3)
+    np.testing.assert_allclose(where(general), where(along), rtol=0, atol=1e-13)
 
 
 def test_order_eight():
     """Of positions and velocities, before round-off: 10 links fall for a quarter of a second."""
     model = straight(10)
-    x, v = motion(model, 0.25)
+    expected = motion(model, 0.25)
     substeps = np.array([1, 2, 4])
-    runs = [Frames(model, dt=0.25 / 6, substeps=int(s)).step(6) for s in substeps]
-    for error in [np.abs(r.x - x).max() for r in runs], [np.abs(r.v - v).max() for r in runs]:
-        slope = -np.polyfit(np.log(substeps), np.log(error), 1)[0]
-        assert 7.5 < slope < 8.5
+    runs = [state(explicit(model, 6, dt=0.25 / 6, substeps=int(s))) for s in substeps]
+    for kind in (0, 1):
+        error = [np.abs(run[kind] - expected[kind]).max() for run in runs]
+        assert 7.5 < -np.polyfit(np.log(substeps), np.log(error), 1)[0] < 8.5
 
 
 def test_error_is_what_was_asked():
@@ -137,7 +139,7 @@ def test_error_is_what_was_asked():
         if amplification > 50.0:
             continue
         for asked in (1e-6, 1e-8):
-            error = np.linalg.norm(Frames(model, error=asked).step(60).x - x, axis=1).max()
+            error = np.linalg.norm(where(explicit(model, 60, error=asked)) - x, axis=1).max()
             assert asked / 100.0 < error < asked, (seed, asked)
         tried += 1
         if tried == 10:
@@ -149,102 +151,161 @@ def test_energy_of_ten_links_for_twenty_seconds():
     """Through every crack of the whip, within 1e-8 of its range."""
     model = straight(10)
     mass = np.where(model.w > 0.0, 0.1, 0.0)
-    frames = Frames(model, error=1e-9)
+    sim = explicit(model, error=1e-9)
     energies = []
     for _ in range(1200):
-        frames.step()
-        energies.append(mass @ (0.5 * np.sum(frames.v**2, axis=1) + 9.81 * frames.x[:, 1]))
+        sim.step()
+        x, v = state(sim)
+        energies.append(mass @ (0.5 * np.sum(v**2, axis=1) + 9.81 * x[:, 1]))
     reach = 2.0 * 9.81 * mass @ np.linspace(0.0, 1.0, 11)  # from straight up to straight down
     assert np.abs(energies).max() < 1e-8 * reach
 
 
 @pytest.mark.parametrize("how", ["grabbed", "led", "point"])
 def test_a_particle_is_moved_evenly_over_the_frame(how):
-    """The others follow at once, as the equations with a prescribed motion have it; it arrives to the last bit."""
+    """The others follow at once, as the equations with a prescribed motion have it."""
     x = np.cumsum(np.random.default_rng(5).normal(size=(5, 3)), axis=0)
     fixed = [2] if how == "led" else []
     model = graph(x, [(k, k + 1) for k in range(4)], fixed=fixed, points=[2] if how == "point" else ())
     velocity = np.array([0.3, -0.2, 0.5])
-    frames = Frames(model, error=1e-10)
+    sim = explicit(model, error=1e-10)
+    if how == "grabbed":
+        sim.grab(2)
     for frame in range(1, 4):
         target = x[2] + velocity * DT * frame
         if how == "grabbed":
-            frames.grabbed.fill_(2)
-            frames.w[2:3].zero_()
-            frames.grab_target.assign(target[None])
-        elif how == "point":
-            frames.target.assign(target[None])
+            sim.move_to(target)
+        elif how == "led":
+            sim.lead([2], target[None])
         else:
-            frames.state.v[2:3].assign(((target - frames.x[2]) / DT)[None])
-        frames.step()
+            sim.point_target.assign(target[None])
+        sim.step()
     expected, expected_v = motion(model, 3 * DT, led=[2], velocity=velocity)
-    np.testing.assert_allclose(frames.x, expected, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(frames.v, expected_v, rtol=0, atol=1e-10)
-    if how != "led":
-        np.testing.assert_array_equal(frames.x[2], target)
+    np.testing.assert_allclose(where(sim), expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(state(sim)[1], expected_v, rtol=0, atol=1e-10)
+
+
+def test_what_is_let_go_flies_on():
+    model = CASES["path"]
+    sim = explicit(model, error=1e-10)
+    sim.grab(6)
+    x = where(sim)[6]
+    sim.move_to(x + np.array([0.01, 0.0, 0.0]))
+    sim.step()
+    sim.release()
+    sim.step()
+    assert np.linalg.norm(where(sim)[6] - x) > 0.01
+    assert np.abs(model.distance.residual(where(sim))).max() < 2e-15
 
 
 @both_precisions
 def test_both_precisions(dtype):
-    frames = Frames(straight(10, dtype), error=1e-5).step(30)
-    x = motion(straight(10), 0.5)[0]
-    assert np.abs(frames.x - x).max() < {"float32": 5e-5, "float64": 5e-6}[dtype]
+    x = where(explicit(straight(10, dtype), 30, error=1e-5))
+    assert np.abs(x - motion(straight(10), 0.5)[0]).max() < {"float32": 5e-5, "float64": 5e-6}[dtype]
 
 
 def test_steps_are_each_pieces_own():
     """A whip beside a single particle: the particle takes one step a frame."""
-    model = graph(np.vstack([straight(10).x, [5, 0, 0]]), [(k, k + 1) for k in range(10)], fixed=[0])
-    frames = Frames(model, error=1e-9)
-    frames.step(20)
-    assert sorted(frames.frame.steps_used.numpy()) == [1, frames.frame.substeps_used]
-    assert frames.frame.substeps_used > 1
+    builder = pbd.ModelBuilder()
+    builder.add_rope(np.linspace([0.0, 0, 0], [1.0, 0, 0], 11), pinned=(0,))
+    builder.add_particles([[5.0, 0, 0]], [[0.0, 0, 0]], [1.0])
+    sim = explicit(builder.finalize(dtype="float64"), 20, error=1e-9)
+    assert sorted(sim._loop.explicit.steps_used) == [1, sim.substeps_used]
+    assert sim.substeps_used > 1
 
 
 @pytest.mark.parametrize("settings", [{"error": 1e-6}, {"substeps": 4}])
 @pytest.mark.parametrize("case", ["held too far apart", "contradictory"])
-def test_what_nothing_satisfies_is_noted(case, settings):
-    """The piece stays finite, and nothing runs for ever."""
+def test_what_nothing_satisfies_is_told(case, settings):
+    """The state stays finite, and nothing runs for ever."""
     x, row = np.linspace([0.0, 0, 0], [1.0, 0, 0], 6), [(k, k + 1) for k in range(5)]
     if case == "held too far apart":
         model = graph(x, row, fixed=[0, 5], rest=0.19)
     else:
         model = graph(x, [*row, (1, 2)], fixed=[0], rest=[0.2] * 5 + [0.21])
-    frames = Frames(model, **settings)
-    frames.frame.step_frame()
-    assert frames.failed == 0
-    assert np.isfinite(frames.x).all()
-    assert np.isfinite(frames.v).all()
-    assert frames.frame.substeps_used < 100
+    sim = explicit(model, **settings)
+    with pytest.raises(SimulationFailed, match=r"joined to particle 0 keep their lengths.*compliance"):
+        sim.step()
+    assert np.isfinite(state(sim)).all()
+    assert sim.substeps_used < 100
+
+
+def test_not_a_number_is_told():
+    sim = explicit(straight(3), substeps=2)
+    sim.state.v[2:3].fill_(np.nan)
+    with pytest.raises(SimulationFailed, match="frame 1"):
+        sim.step()
 
 
 def test_a_rope_taut_between_two_points():
-    """Its tension is infinite, and one link too many holds it: steps of equal length are refused their frame, short ones
-    keep it straight."""
+    """Its tension is infinite, and one link too many holds it: steps of equal length are refused their frame, short
+    ones keep it straight."""
     x = np.linspace([0.0, 0, 0], [1.0, 0, 0], 6)
     model = graph(x, [(k, k + 1) for k in range(5)], fixed=[0, 5])
-    steps = Frames(model, substeps=4)
-    steps.frame.step_frame()
-    assert steps.failed == 0
-    assert np.abs(Frames(model, error=1e-3).step(2).x - x).max() < 1e-7
+    with pytest.raises(SimulationFailed):
+        explicit(model, 1, substeps=4)
+    assert np.abs(where(explicit(model, 2, error=1e-3)) - x).max() < 1e-7
 
 
 def test_a_start_that_is_off_is_put_right():
     """Lengths and tangent, by the least change in the metric of the masses: momentum stays."""
     rng = np.random.default_rng(2)
-    x, rest = np.cumsum(rng.normal(size=(6, 3)), axis=0), None
+    x = np.cumsum(rng.normal(size=(6, 3)), axis=0)
     rest = np.linalg.norm(np.diff(x, axis=0), axis=1) * 1.02
     mass = rng.uniform(0.5, 2.0, 6)
     model = graph(x, [(k, k + 1) for k in range(5)], mass=mass, rest=rest, v=rng.normal(size=(6, 3)))
-    frames = Frames(model, error=1e-9).step()
-    assert np.abs(model.distance.residual(frames.x)).max() < 1e-14
+    x, v = state(explicit(model, 1, error=1e-9))
+    assert np.abs(model.distance.residual(x)).max() < 1e-14
     fall = mass.sum() * np.asarray(model.gravity) * DT
-    np.testing.assert_allclose(mass @ frames.v, mass @ model.v + fall, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(mass @ v, mass @ model.v + fall, rtol=0, atol=1e-13)
+
+
+def test_the_captured_frame_is_the_same_and_one_launch_and_goes_on_from_a_checkpoint(tmp_path):
+    model = straight(10)
+    replayed, launched = (explicit(model, 20, error=1e-8, capture=capture) for capture in (True, False))
+    np.testing.assert_array_equal(where(replayed), where(launched))
+    assert replayed.passes == ["make_frame"]
+    replayed.save(tmp_path / "checkpoint")
+    resumed = pbd.Simulation.load(tmp_path / "checkpoint")
+    for sim in (replayed, resumed):
+        for _ in range(5):
+            sim.step()
+    np.testing.assert_array_equal(where(replayed), where(resumed))
+
+
+# What it takes and what it refuses.
 
 
 @pytest.mark.parametrize("bad", [0.0, -1.0, float("nan"), float("inf"), "x"])
 def test_error_has_to_be_a_length_a_second(bad):
     with pytest.raises(InputError, match="error must be"):
-        Frames(straight(3), error=bad)
+        explicit(straight(3), error=bad)
+
+
+@pytest.mark.parametrize(
+    ("settings", "match"),
+    [
+        ({"substeps": "auto", "integrator": "midpoint4"}, "estimates its error"),
+        ({"substeps": "many"}, "whole number or 'auto'"),
+        ({"substeps": 4, "error": 1e-6}, "substeps='auto'"),
+        ({"method": pbd.Direct()}, "takes no method"),
+        ({"damping": 0.1}, "damping"),
+        ({"depenetration_speed": 1.0}, "depenetration speed"),
+        ({"on_failure": "subdivide", "substeps": "auto"}, "number of substeps"),
+    ],
+)
+def test_settings_that_do_not_go_together(settings, match):
+    with pytest.raises(InputError, match=match):
+        pbd.Simulation(straight(3), **{"integrator": "dop853", **settings})
+
+
+def test_settings_change_from_and_to_it():
+    settings = Settings(method=pbd.Direct(), integrator="midpoint4", substeps=3)
+    auto = settings.changed(integrator="dop853", substeps="auto")
+    assert (auto.method, auto.error) == (pbd.Jacobi(), 1e-6)
+    assert auto.changed(substeps=4).error is None
+    assert auto.changed(integrator="bdf2").substeps == 1
+    assert Settings.from_json(auto.to_json()) == auto
 
 
 def refused(what):
@@ -267,15 +328,24 @@ def refused(what):
 )
 def test_what_it_cannot_do_is_refused(what):
     with pytest.raises(InputError, match=what):
-        Frames(refused(what))
+        explicit(refused(what))
 
 
-def test_a_frame_is_one_launch_that_can_be_captured():
-    model = straight(10)
-    replayed, launched = Frames(model, error=1e-8), Frames(model, error=1e-8).step(20)
-    wp.load_module(kernels.make_frame[wp.float64].module.name, device=model.device)
-    with wp.ScopedCapture(device=model.device) as capture:
-        replayed.frame.step_frame()
-    for _ in range(20):
-        wp.capture_launch(capture.graph)
-    np.testing.assert_array_equal(replayed.x, launched.x)
+@pytest.mark.parametrize("too_stiff", [True, False])
+def test_a_spring_too_stiff_for_the_step_is_foretold(too_stiff):
+    """On either side of the limit: told and growing, or neither."""
+    frequency = 5.9 * (1.05 if too_stiff else 0.95) / DT
+    model = graph(np.array([[0.0, 0, 0], [1.0, 0, 0]]), [(0, 1)], fixed=[0], rest=0.9999, compliance=frequency**-2.0)
+    sim = explicit(model, substeps=1)
+    assert [warning.test for warning in sim.check()] == ["step"] * too_stiff
+    if too_stiff:
+        with pytest.raises(SimulationFailed, match="too stiff for a step"):
+            step(sim, 120)
+    else:
+        step(sim, 120)
+        assert abs(np.linalg.norm(where(sim)[1]) - 0.9999) < 2e-4
+
+
+def test_an_error_below_rounding_is_foretold():
+    assert [w.test for w in explicit(straight(10, "float32"), error=1e-8).check()] == ["precision"]
+    assert not explicit(straight(10), error=1e-8).check()

@@ -71,7 +71,7 @@ _DOP853_B = {
     11: 0.04471061572777259,
 }
 
-DOP853 = Tableau(
+ORDER_8 = Tableau(
     order=8,
     a=_rows(
         {},

@@ -1,4 +1,4 @@
-"""Dormand and Prince's method of order 8 on accelerations, a whole frame in one launch (kernels/explicit.py)."""
+"""Dormand and Prince's method of order 8 on accelerations: a whole frame in one launch (kernels/explicit.py)."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from pbd_warp import check
 from pbd_warp.errors import InputError
 from pbd_warp.kernels.explicit import make_frame
 from pbd_warp.kernels.precision import BLOCK, PRECISIONS
-from pbd_warp.model.model import Model, State
-from pbd_warp.step.integrators.coefficients import DOP853, Tableau
+from pbd_warp.model.model import Model
+from pbd_warp.step.context import Context
+from pbd_warp.step.integrators.coefficients import ORDER_8
 from pbd_warp.step.integrators.pieces import Graph, Pieces
-from pbd_warp.step.launch import Launcher
 
 MOST_STEPS = 100_000
 """In a frame. A piece that needs more stays where it is and counts as failed."""
@@ -22,108 +21,98 @@ MOST_STEPS = 100_000
 VANISHING = 64.0
 """A pivot under so many machine epsilons of its diagonal is that of a link that others determine already."""
 
-NOTHING = int(np.iinfo(np.int32).max)
-"""In `failed`: no piece."""
 
+class DOP853:
+    """Makes frames of rigid distances, springs and points; no step of the paper's loop, and no method of it.
 
-class ExplicitFrame:
-    """Frames of a model by an explicit method.
+    Multipliers come from one linear solution a stage, along paths or on any graph; after each step positions go back
+    onto the lengths, velocities onto their tangent. Each connected piece has a thread, and with `error` its own steps.
+    Source: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section II.5.
 
     Args:
-        model: What moves.
-        dt: Of a frame [s].
-        state: Positions and velocities, written by `step_frame`.
-        w: Inverse masses, 0 of the grabbed particle too [particle_count].
-        grabbed: [1], -1 for nobody. grab_target: [1], where it is at the end of the next frame [m].
-        point_target: [point_count] [m], None without points.
-        launch: Of the model's device and precision.
-        substeps: Steps of equal length, or "auto": `error` chooses them, piece by piece.
-        error: What "auto" keeps, metres a second of simulated time.
-        tableau: The method.
+        context: What it is handed.
+        dt: Length of a frame [s].
+        error: What a step may be off, a second of its length [m/s]: the method's own estimate chooses the steps. None:
+            all are `context.dt` long.
+
+    Raises:
+        InputError: points with compliance, distances of no length, two points at one particle.
+
+    Fails when: nothing satisfies the lengths, or the motion of a piece is too violent for its steps.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        dt: float,
-        state: State,
-        w: wp.array,
-        grabbed: wp.array,
-        grab_target: wp.array,
-        point_target: wp.array | None,
-        launch: Launcher,
-        *,
-        substeps: int | str = "auto",
-        error: float = 1e-6,
-        tableau: Tableau = DOP853,
-    ):
+    order = 8
+    mean_gradient = False
+    tableau = ORDER_8
+    stable = 5.9
+    """Largest product of step and angular frequency at which the swing of a spring does not grow."""
+
+    def __init__(self, context: Context, dt: float, error: float | None = None):
+        model = context.model
         refuse(model)
-        auto = substeps == "auto"
-        self._error = check.number("error", error, above=0.0) if auto else 0.0
-        self._longest = 1.0 if auto else 1.0 / check.whole("substeps", substeps, low=1)
-        self._launch = launch
-        real, vec3, device = model.real, model.vec3, model.device
+        self._context = context
+        vec3, real = context.vec3, context.real
 
-        def upload(values: Any, dtype: type = real) -> wp.array:
-            return wp.array(np.ascontiguousarray(values), dtype=dtype, device=device)
+        def upload(name: str, values: Any, dtype: type = real) -> wp.array:
+            return context.upload(f"explicit.{name}", np.ascontiguousarray(values), dtype)
 
-        def scratch(count: int, dtype: type = real) -> wp.array:
-            return wp.zeros(count, dtype=dtype, device=device)
+        def scratch(name: str, count: int, dtype: type = real) -> wp.array:
+            return context.allocate(f"explicit.{name}", count, dtype)
 
         def by_blocks(array: wp.array) -> wp.array:
-            """The same memory, which the argument list keeps alive."""
+            """The same memory, which the context keeps alive."""
             count = array.size // int(BLOCK)
-            return wp.array(ptr=array.ptr, dtype=PRECISIONS[real]["Block"], shape=count, device=device)
+            return wp.array(ptr=array.ptr, dtype=PRECISIONS[real]["Block"], shape=count, device=model.device)
 
-        distance = model.distance
+        distance, t = model.distance, self.tableau
         pieces = Pieces.of(model.particle_count, distance.edge)
         graph = Graph.of(pieces, distance)
-        place_count = len(pieces.vertex)
+        places, links, stages = len(pieces.vertex), len(graph.length), len(t.b)
         self._piece_count = len(pieces.is_path)
-        compliance = None
+        compliance = point = None
         if np.any(distance.compliance[pieces.link[pieces.link >= 0]] > 0.0):
-            compliance = upload(_along(distance.compliance, pieces.link, 0.0))
-        point = None
+            compliance = upload("compliance", _along(distance.compliance, pieces.link, 0.0))
         if len(model.point):
             at = np.full(model.particle_count + 1, -1)
             at[model.point.particle] = np.arange(len(model.point))
-            point = upload(at[pieces.vertex], wp.int32)
-        stages = len(tableau.b)
-        links = len(graph.length)
+            point = upload("point", at[pieces.vertex], wp.int32)
         epsilon = float(np.finfo(model.dtype).eps)
-        self.steps_used = scratch(self._piece_count, wp.int32)
-        self.failed = wp.full(1, NOTHING, dtype=wp.int32, device=device)
-        self._step = wp.full(self._piece_count, 1.0, dtype=real, device=device)
-        v, u, v_next, error5, error3 = (scratch(place_count, vec3) for _ in range(5))
-        k = scratch(place_count * stages, vec3)
+        self._step = upload("step", np.ones(self._piece_count))
+        self._used = scratch("steps_used", self._piece_count, wp.int32)
+        v, u, v_next, error5, error3 = (
+            scratch(name, places, vec3) for name in ("v", "u", "v_next", "error5", "error3")
+        )
+        k = scratch("k", places * stages, vec3)
         self._arguments = [
-            vec3(*model.gravity), upload(pieces.first, wp.int32), upload(pieces.end, wp.int32),
-            upload(pieces.vertex, wp.int32), point, point_target,
-            upload(pieces.is_path, wp.int32), upload(_along(distance.rest_length, pieces.link, 1.0)), compliance,
-            upload(graph.link_first, wp.int32), upload(graph.ends, wp.vec2i), upload(graph.length),
-            *(upload(array, wp.int32) for array in graph.schedule),
-            upload(graph.spring_first, wp.int32), upload(graph.spring_ends, wp.vec2i),
-            upload(graph.spring_length), upload(graph.spring_compliance),
-            stages, upload(tableau.c), upload(tableau.to_position.ravel()), upload(tableau.to_velocity.ravel()),
-            upload(tableau.to_estimate.ravel()), self._error, self._longest, MOST_STEPS,
-            16.0 * epsilon, VANISHING * epsilon,
-            dt, w, grabbed, grab_target,
-            state.x, state.v, self._step,
-            scratch(place_count, vec3), v, scratch(place_count), u, v_next,
-            scratch(place_count, vec3), scratch(place_count), scratch(place_count), error5, error3, k,
+            context.gravity, upload("piece_first", pieces.first, wp.int32), upload("piece_end", pieces.end, wp.int32),
+            upload("vertex", pieces.vertex, wp.int32), point, context.point_target,
+            upload("path", pieces.is_path, wp.int32),
+            upload("rest_length", _along(distance.rest_length, pieces.link, 1.0)), compliance,
+            upload("link_first", graph.link_first, wp.int32), upload("ends", graph.ends, wp.vec2i),
+            upload("length", graph.length),
+            *(upload(f"schedule.{name}", array, wp.int32) for name, array in graph.schedule.items()),
+            upload("spring_first", graph.spring_first, wp.int32), upload("spring_ends", graph.spring_ends, wp.vec2i),
+            upload("spring_length", graph.spring_length), upload("spring_compliance", graph.spring_compliance),
+            stages, upload("stage_time", t.c), upload("to_position", t.to_position.ravel()),
+            upload("to_velocity", t.to_velocity.ravel()), upload("to_estimate", t.to_estimate.ravel()),
+            error or 0.0, 1.0 if error else context.dt / dt, MOST_STEPS, 16.0 * epsilon, VANISHING * epsilon,
+            dt, context.w, context.state.x, context.state.v, self._step,
+            scratch("x", places, vec3), v, scratch("w", places), u, v_next,
+            scratch("direction", places, vec3), scratch("lower", places), scratch("y", places), error5, error3, k,
             *(by_blocks(array) for array in (v, u, v_next, error5, error3, k)),
-            scratch(links, vec3), scratch(links), scratch(links), scratch(links, wp.int32), scratch(graph.slots),
-            self.steps_used, self.failed,
+            scratch("link_direction", links, vec3), scratch("link_inverse", links), scratch("link_y", links),
+            scratch("where", links, wp.int32), scratch("factor", len(graph.schedule["row"])),
+            self._used, context.diverged,
         ]  # fmt: skip
 
-    def step_frame(self) -> None:
-        """One frame: one launch."""
-        self._launch(make_frame, self._piece_count, *self._arguments)
+    def make_frame(self) -> None:
+        """One launch."""
+        self._context.launch(make_frame, self._piece_count, *self._arguments)
 
     @property
-    def substeps_used(self) -> int:
-        """Steps of the last frame, those thrown away too, of the piece that took most."""
-        return int(self.steps_used.numpy().max())
+    def steps_used(self) -> np.ndarray:
+        """Steps of the last frame, those thrown away too, of each piece, int32 [piece_count]."""
+        return self._used.numpy()
 
     def restart(self) -> None:
         """Forget the lengths of steps."""
@@ -134,10 +123,6 @@ def refuse(model: Model) -> None:
     """Raises an InputError for what the method has no equations for."""
     name = "integrator 'dop853'"
     distance, point = model.distance, model.point
-    if model.contacts is not None or len(model.colliders.kind):
-        raise InputError(f"{name} does not model contacts and colliders: use 'pbd' or 'bdf2', or leave them out")
-    if np.any(distance.stiffness < 1.0) or np.any(point.stiffness < 1.0):
-        raise InputError(f"{name} does not model stiffness below 1: soften distances with compliance instead")
     if np.any(point.compliance > 0.0):
         raise InputError(f"{name} does not model points with compliance: hold a particle by a distance with compliance")
     if np.any(distance.rest_length == 0.0):

@@ -80,16 +80,15 @@ class Graph:
     """What the pieces that are no paths are made of, numbered by places.
 
     link_first: int32 [piece_count + 1]. ends: int32 [link_count, 2]. length: [link_count] [m], of the rigid links in
-    the order of their elimination. schedule: the other arrays
-    of `Elimination`, all pieces' in one. slots: of the factor.
+    the order of their elimination. schedule: the other arrays of
+    `Elimination` by name, all pieces' in one.
     spring_first, spring_ends, spring_length, spring_compliance: the same of compliant distances [m, m/N].
     """
 
     link_first: np.ndarray
     ends: np.ndarray
     length: np.ndarray
-    schedule: list[np.ndarray]
-    slots: int
+    schedule: dict[str, np.ndarray]
     spring_first: np.ndarray
     spring_ends: np.ndarray
     spring_length: np.ndarray
@@ -115,7 +114,7 @@ class Graph:
         link = link[e.order]
         return cls(
             np.array(link_first, np.int32), place[distance.edge[link]].astype(np.int32), distance.rest_length[link],
-            [e.first, e.row, e.row_first, e.row_slot, e.row_column, e.shared_first, e.shared_slot, e.shared_place],
-            len(e.row), np.array(spring_first, np.int32), place[distance.edge[spring]].astype(np.int32),
+            {name: array for name, array in vars(e).items() if name != "order"},
+            np.array(spring_first, np.int32), place[distance.edge[spring]].astype(np.int32),
             distance.rest_length[spring], distance.compliance[spring],
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Whether Jacobi sweeps converge on a graph: the largest eigenvalue of one sweep, by power iteration."""
+"""Largest eigenvalues by power iteration: of a Jacobi sweep on a graph, and of its springs."""
 
 from __future__ import annotations
 
@@ -48,4 +48,27 @@ def largest_eigenvalue(model: Model, method: Jacobi, x: np.ndarray | None = None
         np.add.at(change, p, point_scale[:, None] * u[p])
         u = moves[:, None] * change
         value = float(np.linalg.norm(u))
+    return value
+
+
+def stiffest(x: np.ndarray, w: np.ndarray, edge: np.ndarray, compliance: np.ndarray) -> float:
+    """The largest omega^2 [1/s^2] of springs between particles at x [n, 3] with inverse masses w [n]: the largest
+    eigenvalue of J W J^T / compliance. Rigid distances between the same particles only make it less."""
+    i, j = edge.T
+    d = x[i] - x[j]
+    length = np.linalg.norm(d, axis=1, keepdims=True)
+    n = np.divide(d, length, out=np.tile([1.0, 0.0, 0.0], (len(d), 1)), where=length > 0.0)
+    stretch = np.random.default_rng(0).normal(size=len(edge))
+    value = 0.0
+    for _ in range(ITERATIONS):
+        size = np.linalg.norm(stretch)
+        if size == 0.0:
+            return 0.0
+        force = (stretch / (size * compliance))[:, None] * n
+        a = np.zeros_like(x)
+        np.add.at(a, i, force)
+        np.subtract.at(a, j, force)
+        a *= w[:, None]
+        stretch = np.sum(n * (a[i] - a[j]), axis=1)
+        value = float(np.linalg.norm(stretch))
     return value
