@@ -37,17 +37,20 @@ def _help(name: str) -> str:
     return " ".join(found[1].rstrip(":").split())
 
 
+OF_ONE_WORD = (int, float, str, int | None, float | None)
+OF_PYTHON = ("dt", "stiffness")
+"""Settings that the command line says otherwise: --fps, and scenes by their own stiffness."""
+
 SETTINGS = {
     "fps": Annotated[float | None, typer.Option(help="Frames a second.")],
     "method": Annotated[str | None, typer.Option(help=f"How constraints are projected: {', '.join(METHODS)}.")],
     "iterations": Annotated[int | None, typer.Option(help="Of the method: iterations a substep.")],
     "tolerance": Annotated[float | None, typer.Option(help="Of the method: stop when the largest |C| is below [m].")],
     "substeps": Annotated[str | None, typer.Option(metavar="NUMBER|auto", help=_help("substeps"))],
-    "error": Annotated[float | None, typer.Option(help=_help("error"))],
 } | {
     name: Annotated[hint | None, typer.Option(help=_help(name))]
     for name, hint in get_type_hints(Settings).items()
-    if name in ("integrator", "damping", "max_contacts", "depenetration_speed", "on_failure")
+    if hint in OF_ONE_WORD and name not in OF_PYTHON
 }
 """By name of the option: what may be said of the settings of a scene."""
 
