@@ -42,8 +42,7 @@ CORRECTIONS = wp.constant(8)
 def advance(
     begin: wp.int32,  # blocks
     end: wp.int32,
-    row: wp.int32,
-    terms: wp.int32,
+    stage: wp.int32,
     stage_count: wp.int32,
     to_position: wp.array[Real],
     to_velocity: wp.array[Real],
@@ -54,14 +53,14 @@ def advance(
     u_next: wp.array[Block],
     v_next: wp.array[Block],
 ):
-    """Displacements since the start of the step, and velocities, in a stage or at the end: `terms` accelerations'."""
+    """Displacements since the start of the step, and velocities, in a stage, or at the end, that of stage_count."""
     for m in range(begin, end):
         p = Block()
         dv = Block()
-        for j in range(terms):
+        for j in range(stage):
             a = k[m * stage_count + j]
-            p = p + to_position[row * stage_count + j] * a
-            dv = dv + to_velocity[row * stage_count + j] * a
+            p = p + to_position[stage * stage_count + j] * a
+            dv = dv + to_velocity[stage * stage_count + j] * a
         v_m = v[m]
         u_next[m] = h * (time * v_m + h * p)
         v_next[m] = v_m + h * dv
@@ -71,18 +70,22 @@ def advance(
 def combine(
     begin: wp.int32,
     end: wp.int32,
-    row: wp.int32,
     stage_count: wp.int32,
-    weights: wp.array[Real],
+    to_estimate: wp.array[Real],
     k: wp.array[Block],
-    result: wp.array[Block],
+    error5: wp.array[Block],
+    error3: wp.array[Block],
 ):
-    """Sums of all accelerations."""
+    """What the embedded results are off by, over the step's length squared."""
     for m in range(begin, end):
-        total = Block()
+        e5 = Block()
+        e3 = Block()
         for j in range(stage_count):
-            total = total + weights[row * stage_count + j] * k[m * stage_count + j]
-        result[m] = total
+            a = k[m * stage_count + j]
+            e5 = e5 + to_estimate[j] * a
+            e3 = e3 + to_estimate[stage_count + j] * a
+        error5[m] = e5
+        error3[m] = e3
 
 
 @func
@@ -134,34 +137,41 @@ def project(
     v: wp.array[Vec3],
 ):
     """x + u onto the lengths and v onto their tangent; whether that could be done."""
+    on_lengths = bool(False)
     done = bool(False)
-    for _correction in range(CORRECTIONS):
-        if not done:
-            left_out = Real(0.0)
-            change = Real(0.0)
-            if is_path:
-                left_out, change = correct_path(
-                    begin, end, False, rest_length, compliance, x, w, vanishing, direction, lower, y, u, v
-                )
-            else:
-                left_out, change = correct_graph(
-                    link_begin, link_end, False,
-                    ends, length, first, row, row_first, row_slot, row_column, shared_first, shared_slot, shared_place,
-                    x, w, vanishing, link_direction, where, factor, link_inverse, link_y, u, v,
-                )  # fmt: skip
-            if not (change <= Real(1.0)):
-                return False
-            # What a Newton step leaves is half the square of what it turned a link by.
-            done = change <= round_off and left_out * left_out <= round_off
-    if is_path:
-        correct_path(begin, end, True, rest_length, compliance, x, w, vanishing, direction, lower, y, u, v)
-    else:
-        correct_graph(
-            link_begin, link_end, True,
-            ends, length, first, row, row_first, row_slot, row_column, shared_first, shared_slot, shared_place,
-            x, w, vanishing, link_direction, where, factor, link_inverse, link_y, u, v,
-        )  # fmt: skip
+    corrections = int(0)
+    while not done and corrections <= CORRECTIONS:
+        corrections = corrections + 1
+        left_out = Real(0.0)
+        change = Real(0.0)
+        if is_path:
+            left_out, change = correct_path(
+                begin, end, on_lengths, rest_length, compliance, x, w, vanishing, direction, lower, y, u, v
+            )
+        else:
+            left_out, change = correct_graph(
+                link_begin, link_end, on_lengths,
+                ends, length, first, row, row_first, row_slot, row_column, shared_first, shared_slot, shared_place,
+                x, w, vanishing, link_direction, where, factor, link_inverse, link_y, u, v,
+            )  # fmt: skip
+        if on_lengths:
+            done = True  # that was the velocities' turn
+        elif not (change <= Real(1.0)):
+            corrections = int(CORRECTIONS) + 1
+        else:  # what a Newton step leaves is half the square of what it turned a link by
+            on_lengths = change <= round_off and left_out * left_out <= round_off
     return done
+
+
+@func
+def next_length(estimate: Real, allowed: Real):
+    """What the next step's length is of this one's."""
+    if not wp.isfinite(estimate):
+        return Real(LARGEST_CUT)
+    if estimate == Real(0.0):
+        return Real(LARGEST_GROWTH)
+    change = Real(SAFETY) * wp.pow(allowed / estimate, Real(1.0 / 7.0))
+    return wp.clamp(change, Real(LARGEST_CUT), Real(LARGEST_GROWTH))
 
 
 @kernel
@@ -195,7 +205,7 @@ def make_frame(
     spring_compliance: wp.array[Real],  # [spring_count] [m/N]
     # Method:
     stage_count: wp.int32,
-    stage_time: wp.array[Real],  # [stage_count] c
+    stage_time: wp.array[Real],  # [stage_count + 1] c; 1
     to_position: wp.array[Real],  # [stage_count + 1, stage_count] a a; b a
     to_velocity: wp.array[Real],  # [stage_count + 1, stage_count] a; b
     to_estimate: wp.array[Real],  # [2, stage_count] e5; e3
@@ -263,72 +273,61 @@ def make_frame(
         x[s] = x_s
         v[s] = v_s
         w[s] = w_s
+        v_next[s] = v_s
         u[s] = Vec3()
-    # What is held may have changed its velocity: the links follow at once.
-    good = project(
-        begin, end, is_path, link_begin, link_end, rest_length, compliance,
-        ends, length, first, row, row_first, row_slot, row_column, shared_first, shared_slot, shared_place,
-        round_off, vanishing, x, w, direction, lower, y,
-        where, factor, link_direction, link_inverse, link_y, u, v,
-    )  # fmt: skip
-    for s in range(begin, end):
-        x[s] = x[s] + u[s]
 
     left = one
     length_next = longest
     if error > zero:
         length_next = step[piece]
-    used = int(0)
-    first_stage = int(0)  # 1 where a step is made again: its first accelerations stand
+    # Before the first step comes one of no length, a projection: what is held may have changed its velocity, and the
+    # links follow at once.
+    used = int(-1)
+    good = bool(True)
+    again = bool(False)
     while good and left > zero and used < most:
         used = used + 1
-        count = wp.max(wp.ceil(left / length_next - Real(0.01)), one)
-        part = left / count
-        h = part * dt
-        for stage in range(first_stage, stage_count):
-            advance(
-                block_begin, block_end, stage, stage, stage_count, to_position, to_velocity, stage_time[stage], h,
-                k_blocks, v_blocks, u_blocks, v_next_blocks,
-            )  # fmt: skip
-            if is_path:
-                accelerate_path(
-                    begin, end, gravity, rest_length, compliance, x, w, u, v_next,
-                    stage, stage_count, vanishing, direction, lower, y, k,
-                )  # fmt: skip
-            else:
-                accelerate_graph(
-                    begin, end, link_begin, link_end, spring_first[piece], spring_first[piece + 1], gravity,
-                    ends, first, row, row_first, row_slot, row_column, shared_first, shared_slot, shared_place,
-                    spring_ends, spring_length, spring_compliance, x, w, u, v_next,
-                    stage, stage_count, vanishing, link_direction, where, factor, link_inverse, link_y, k,
-                )  # fmt: skip
-        advance(
-            block_begin, block_end, stage_count, stage_count, stage_count, to_position, to_velocity, one, h,
-            k_blocks, v_blocks, u_blocks, v_next_blocks,
-        )  # fmt: skip
-
+        part = zero
         change = one
         accepted = bool(True)
-        if error > zero:
-            combine(block_begin, block_end, 0, stage_count, to_estimate, k_blocks, error5_blocks)
-            combine(block_begin, block_end, 1, stage_count, to_estimate, k_blocks, error3_blocks)
-            worst5 = largest(begin, end, error5)
-            estimate = worst5
-            if worst5 > zero and wp.isfinite(worst5):
-                estimate = (h * h) * worst5 / wp.sqrt(worst5 + Real(0.01) * largest(begin, end, error3))
-            # What of it may be rounding: some of the bent part of the way.
-            bent = zero
-            for s in range(begin, end):
-                way = u[s] - h * v[s]
-                bent = wp.max(bent, wp.dot(way, way))
-            allowed = Real(PESSIMISM) * error * h + round_off * wp.sqrt(bent)
-            accepted = estimate <= allowed
-            change = Real(LARGEST_GROWTH)
-            if not wp.isfinite(estimate):
-                change = Real(LARGEST_CUT)
-            elif estimate > zero:
-                change = Real(SAFETY) * wp.pow(allowed / estimate, Real(1.0 / 7.0))
-                change = wp.clamp(change, Real(LARGEST_CUT), Real(LARGEST_GROWTH))
+        if used > 0:
+            count = wp.max(wp.ceil(left / length_next - Real(0.01)), one)
+            part = left / count
+            h = part * dt
+            first_stage = int(0)
+            if again:
+                first_stage = 1  # a step made again begins with the same accelerations
+            for stage in range(first_stage, stage_count + 1):
+                advance(
+                    block_begin, block_end, stage, stage_count, to_position, to_velocity, stage_time[stage], h,
+                    k_blocks, v_blocks, u_blocks, v_next_blocks,
+                )  # fmt: skip
+                if stage < stage_count:
+                    if is_path:
+                        accelerate_path(
+                            begin, end, gravity, rest_length, compliance, x, w, u, v_next,
+                            stage, stage_count, vanishing, direction, lower, y, k,
+                        )  # fmt: skip
+                    else:
+                        accelerate_graph(
+                            begin, end, link_begin, link_end, spring_first[piece], spring_first[piece + 1], gravity,
+                            ends, first, row, row_first, row_slot, row_column, shared_first, shared_slot, shared_place,
+                            spring_ends, spring_length, spring_compliance, x, w, u, v_next,
+                            stage, stage_count, vanishing, link_direction, where, factor, link_inverse, link_y, k,
+                        )  # fmt: skip
+            if error > zero:
+                combine(block_begin, block_end, stage_count, to_estimate, k_blocks, error5_blocks, error3_blocks)
+                estimate = largest(begin, end, error5)
+                if estimate > zero and wp.isfinite(estimate):
+                    estimate = (h * h) * estimate / wp.sqrt(estimate + Real(0.01) * largest(begin, end, error3))
+                # What of it may be rounding: some of the bent part of the way.
+                bent = zero
+                for s in range(begin, end):
+                    way = u[s] - h * v[s]
+                    bent = wp.max(bent, wp.dot(way, way))
+                allowed = Real(PESSIMISM) * error * h + round_off * wp.sqrt(bent)
+                accepted = estimate <= allowed
+                change = next_length(estimate, allowed)
         if accepted:
             accepted = project(
                 begin, end, is_path, link_begin, link_end, rest_length, compliance,
@@ -343,19 +342,16 @@ def make_frame(
                 x[s] = x[s] + u[s]
                 v[s] = v_next[s]
             left = left - part
-            if count == one:
+            if part > zero and left < round_off:
                 left = zero
-        if error > zero:
-            if not accepted or change < one:
-                length_next = part * change
-                good = length_next > round_off
-            elif first_stage == 0:  # a step that was cut to fit the frame is no reason for shorter ones
-                length_next = wp.min(wp.max(length_next, part * change), longest)
-        else:
+        if used == 0 or error == zero:
             good = accepted
-        first_stage = 1
-        if accepted:
-            first_stage = 0
+        elif not accepted or change < one:
+            length_next = part * change
+            good = length_next > round_off
+        elif not again:  # a step that was cut to fit the frame is no reason for shorter ones
+            length_next = wp.min(wp.max(length_next, part * change), longest)
+        again = not accepted
 
     step[piece] = wp.max(length_next, round_off)
     steps_used[piece] = used

@@ -93,7 +93,7 @@ class DOP853:
             *(upload(f"schedule.{name}", array, wp.int32) for name, array in graph.schedule.items()),
             upload("spring_first", graph.spring_first, wp.int32), upload("spring_ends", graph.spring_ends, wp.vec2i),
             upload("spring_length", graph.spring_length), upload("spring_compliance", graph.spring_compliance),
-            stages, upload("stage_time", t.c), upload("to_position", t.to_position.ravel()),
+            stages, upload("stage_time", [*t.c, 1.0]), upload("to_position", t.to_position.ravel()),
             upload("to_velocity", t.to_velocity.ravel()), upload("to_estimate", t.to_estimate.ravel()),
             error or 0.0, 1.0 if error else context.dt / dt, MOST_STEPS, 16.0 * epsilon, VANISHING * epsilon,
             dt, context.w, context.state.x, context.state.v, self._step,
