@@ -31,8 +31,8 @@ LARGEST_CUT = wp.constant(0.2)
 """Of a step's length from one to the next: the usual ones (Hairer, Norsett, Wanner I, section II.4)."""
 
 PESSIMISM = wp.constant(2.0)
-"""What the steps let through at an estimate of twice `error` h adds up to 0.01 to 0.8 of `error` a second: measured on
-twenty random chains whose own motion does not blow errors up by more than 20 (tests/test_explicit.py)."""
+"""An estimate may be so many times `error` h: what such steps add up to in a second was then, on random chains, between
+a hundredth of `error` and all of it, as long as the motion itself does not blow it up (tests/test_explicit.py)."""
 
 CORRECTIONS = wp.constant(8)
 """Newton iterations that put positions onto the lengths, at most: quadratic, from an error as small as a step's."""
