@@ -31,8 +31,8 @@ def _remedy(now: Snapshot, kind: str) -> str:
             "'continue', where what is left over does not matter"
         )
     if kind == "piece":
-        shorter = "a larger error" if now.settings.auto else "more substeps, or 'auto'"
-        return f"if what holds them leaves them room, use {shorter}; if not, a compliance"
+        cure = "use a larger error" if now.settings.auto else SMALLER_STEPS
+        return f"if what holds them leaves them room, {cure}; if not, give them a compliance"
     return ", or ".join(text for text in (SMALLER_STEPS, now.settings.method.remedy) if text)
 
 

@@ -122,6 +122,20 @@ class Loop:
         return None if self.counters is None else int(self.counters.numpy()[1])
 
     @property
+    def iterations_used(self) -> int:
+        """Of the method, in all steps of the last frame; none of an explicit integrator."""
+        if self.counters is not None:
+            return int(self.counters.numpy()[0])
+        if self.integrator is None:
+            return 0
+        return self._settings.method.iterations * self._settings.whole_substeps * len(self.integrator.stages)
+
+    @property
+    def steps_used(self) -> int:
+        """Steps of the last frame, of the piece that took most."""
+        return int(self.explicit.steps_used.max()) if self.explicit else self._settings.whole_substeps
+
+    @property
     def counters(self) -> wp.array | None:
         """Iterations of the frame and solutions that did not converge, int32 [2]; None without a tolerance."""
         return self.solver.counters if self.solver else None

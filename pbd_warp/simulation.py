@@ -181,19 +181,12 @@ class Simulation:
     @property
     def iterations_used(self) -> int:
         """Iterations of all steps of the last frame (with `Direct`, of all paths too)."""
-        if self._loop.counters is not None:
-            return int(self._loop.counters.numpy()[0])
-        if self._loop.integrator is None:
-            return 0
-        return self.settings.method.iterations * self.settings.whole_substeps * len(self._loop.integrator.stages)
+        return self._loop.iterations_used
 
     @property
     def substeps_used(self) -> int:
-        """Steps of the last frame; with substeps="auto" those of the connected piece that took most, with what was
-        thrown away."""
-        if self._loop.explicit is None:
-            return self.settings.whole_substeps
-        return int(self._loop.explicit.steps_used.max())
+        """Steps of the last frame; with "auto" those of the piece that took most, with what was thrown away."""
+        return self._loop.steps_used
 
     @property
     def unconverged(self) -> int | None:
