@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from pbd_warp.errors import InputError
 from pbd_warp.methods.direct import Direct, paths
 from pbd_warp.methods.jacobi import Jacobi
 from pbd_warp.spectrum import largest_eigenvalue
@@ -193,7 +194,10 @@ def _unreachable(sim: Simulation, now: _Now) -> Iterator[Caution]:
     locked[model.point.particle[rigid]] = True
     x[model.point.particle[rigid]] = targets[rigid]
     edges = model.distance
-    vertex, first, link = paths(edges.edge, model.point.particle)
+    try:
+        vertex, first, link = paths(edges.edge, model.point.particle)
+    except InputError:
+        return  # a graph that is no set of paths
     length = np.where(link >= 0, np.append(edges.rest_length, 0.0)[link], 0.0)
     soft = np.where(link >= 0, np.append(edges.compliance, 0.0)[link] > 0.0, False)
     for begin, end in pairwise(first):
