@@ -69,3 +69,34 @@ def divide_tile(A: wp.mat33d, F: wp.mat33d):
     c1 = F[1, 1] * (wp.vec3d(A[0, 1], A[1, 1], A[2, 1]) - F[0, 1] * c0)
     c2 = F[2, 2] * (wp.vec3d(A[0, 2], A[1, 2], A[2, 2]) - F[0, 2] * c0 - F[1, 2] * c1)
     return wp.matrix_from_cols(c0, c1, c2)
+
+
+@wp.func
+def swap_rows(p: wp.int32, q: wp.int32):
+    """The permutation that exchanges rows p and q."""
+    P = wp.identity(3, dtype=wp.float64)
+    P[p, p] = wp.float64(0.0)
+    P[q, q] = wp.float64(0.0)
+    P[p, q] = wp.float64(1.0)
+    P[q, p] = wp.float64(1.0)
+    return P
+
+
+@wp.func
+def pivot(A: wp.mat33d):
+    """The permutation of A's rows that brings the largest pivots up: for a tile whose symmetric part is not positive,
+    as that of a particle that slides."""
+    P = wp.identity(3, dtype=wp.float64)
+    best = int(0)
+    for k in range(1, 3):
+        if wp.abs(A[k, 0]) > wp.abs(A[best, 0]):
+            best = k
+    if best > 0:
+        P = swap_rows(0, best)
+    B = P * A
+    if B[0, 0] != wp.float64(0.0):
+        below = B[1, 1] - B[1, 0] * B[0, 1] / B[0, 0]
+        last = B[2, 1] - B[2, 0] * B[0, 1] / B[0, 0]
+        if wp.abs(last) > wp.abs(below):
+            P = swap_rows(1, 2) * P
+    return P

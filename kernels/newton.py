@@ -23,18 +23,16 @@ force (a rope held straight, or further apart than it is long) that does not end
 elastic, c_k = C_k + e_k lam_k with e_k in proportion to their length: what is too much is spread as along a rubber
 band. From there the proximal method is tried once more.
 Source: ours, elimination as in elimination.py.
-
-The gradient g is that of C at the end of the step ("pbd", "bdf2"), g = d / |d|, or a discrete one between start and end
-("midpoint"), g = (d_0 + d_1) / (|d_0| + |d_1|), for which work is exactly the change of potential energy. Both give
-K = kappa (1 - g n^T) with n = d_1 / |d_1| and kappa = -lam / |d_1| or -lam / (|d_0| + |d_1|).
 """
 
 from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.elimination import back, divide_tile, factor_tile, forward, forward_tile
+from pbd_warp.kernels.elimination import back, divide_tile, factor_tile, forward, forward_tile, pivot
+from pbd_warp.kernels.link_row import SHORT, link_row, link_step, point_now, point_row
 from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.rows import OPEN, SLIDES, STICKS, contact_row, contact_step, double, gap_now
 
 PATIENCE = wp.constant(10)
 """Iterations in which rigid links converge, or the piece is taken for one that has to give."""
@@ -42,15 +40,11 @@ PATIENCE = wp.constant(10)
 POLISH = wp.constant(3)
 """Iterations in which rigid links converge from where elastic ones did, if they ever do."""
 
+AGAIN = wp.constant(16)
+"""Steps of elastic links after which rigid ones are tried again, or where they stretch a quarter of what they did."""
 
-@wp.func
-def double(a: wp.vec3f):
-    return wp.vec3d(wp.float64(a[0]), wp.float64(a[1]), wp.float64(a[2]))
-
-
-@wp.func
-def double(a: wp.vec3d):  # noqa: F811 Warp overloads by type
-    return a
+CURVED = wp.constant(0.2)
+"""Of a particle's inertia: the negative stiffness that the curvature of a surface may have."""
 
 
 @kernel
@@ -73,11 +67,23 @@ def solve_pieces(
     proximal: wp.array[wp.float64],  # [link_count] e in the matrix alone [1/kg]
     elastic: wp.array[wp.float64],  # [link_count] e of links that have to give [1/kg]
     softest: wp.array[wp.float64],  # [link_count] the most negative kappa [kg]
-    reach: wp.array[wp.float64],  # [piece_count] what a link's ends may move apart in one iteration [m]
+    give: wp.array[wp.float64],  # [tile_count] e of the rows of one particle [1/kg]
+    mean_length: wp.array[wp.float64],  # [piece_count] of its links [m]
+    reach: wp.float64,  # what a link's ends may move apart in one iteration, over the mean length
     point_first: wp.array[wp.int32],  # [tile_count + 1], or None: no points
-    target: wp.array[Vec3],  # [point_count] [m]
     point: wp.array[wp.int32],  # [points with a tile] which, tile by tile
+    target: wp.array[Vec3],  # [point_count] [m]
     point_compliance: wp.array[Real],  # [point_count] [m/N], or None: all 0
+    # Contacts with what is fixed or led (rows.py), or None:
+    head: wp.array[wp.int32],  # [particle_count]
+    following: wp.array[wp.int32],  # [capacity]
+    side: wp.array[wp.vec3d],  # [capacity]
+    contact_start: wp.array[wp.vec3d],  # [capacity]
+    led: wp.array[wp.vec3d],  # [capacity]
+    surface: wp.array[wp.vec4d],  # [capacity]
+    contact_lam: wp.array[wp.float64],  # [capacity]
+    grip: wp.array[wp.vec3d],  # [capacity]
+    status: wp.array[wp.int32],  # [capacity]
     # State:
     x: wp.array[Vec3],  # [particle_count] [m]
     w: wp.array[Real],  # [particle_count] [1/kg]
@@ -92,22 +98,25 @@ def solve_pieces(
     # Scratch:
     where: wp.array[wp.int32],  # [tile_count]
     D: wp.array[wp.mat33d],  # [tile_count] diagonal, zero between steps
-    b: wp.array[wp.vec3d],  # [tile_count] right side, then du
+    b: wp.array[wp.vec3d],  # [tile_count] right side, then du; zero between steps
     F: wp.array[wp.mat33d],  # [tile_count] factors of the diagonal
     low: wp.array[wp.mat33d],  # [slot_count] below the diagonal
     up: wp.array[wp.mat33d],  # [slot_count] above it
     weight: wp.array[wp.float64],  # [tile_count] inverse mass, 0: held
     free: wp.array[wp.vec3d],  # [tile_count] displacement without constraints
     move: wp.array[wp.vec3d],  # [tile_count] u
-    start: wp.array[wp.vec3d],  # [link_count] d_0
+    start: wp.array[wp.vec3d],  # [link_count] d_0, less the displacement of an end that is fixed
+    before: wp.array[wp.vec3d],  # [link_count] d_0
     fixed: wp.array[wp.vec4d],  # [link_count] rest length, a, |d_0|, w_i + w_j
     normal: wp.array[wp.vec3d],  # [link_count] n
-    rest: wp.array[wp.vec4d],  # [link_count] c, 1 / (a + e), turning, what kappa was cut by
+    rest: wp.array[wp.vec4d],  # [link_count] from link_row to link_step
     # Out:
     lam: wp.array[wp.float64],  # [link_count] [kg m]; starts as that of the step before
+    vector_lam: wp.array[wp.vec3d],  # [link_count] of links without length, or None: there are none
     point_lam: wp.array[wp.vec3d],  # [point_count]
     shift: wp.array[wp.vec3d],  # [tile_count] what constraints moved in the step before, and now [m]
-    gives: wp.array[wp.int32],  # [piece_count] 1: its links had to give in the step before, and now
+    gives: wp.array[wp.int32],  # [piece_count] steps until links that had to give are tried as rigid ones
+    strain: wp.array[wp.float64],  # [piece_count] how far they gave
     u: wp.array[Vec3],  # [particle_count] [m]
     iterations_used: wp.array[wp.int32],  # [1] of all pieces and steps of the frame
     unconverged: wp.array[wp.int32],  # [1] pieces and steps that did not reach the tolerance
@@ -117,11 +126,14 @@ def solve_pieces(
     begin = piece_first[piece]
     end = piece_first[piece + 1]
     zero = wp.float64(0.0)
-    half = wp.float64(0.5)
     one = wp.float64(1.0)
-    tiny = wp.float64(1.0e-300)
+    never = wp.float64(wp.inf)
     identity = wp.identity(3, dtype=wp.float64)
     soften = wp.float64(per_force[0])
+    short = wp.float64(SHORT) * mean_length[piece]
+    farthest = reach * mean_length[piece]
+    if farthest == zero:
+        farthest = never
 
     for t in range(begin, end):
         i = particle[t]
@@ -135,31 +147,28 @@ def solve_pieces(
         for q in range(link_first[t], link_first[t + 1]):
             j = partner[q]
             d = double(x[i]) - double(x[j])
-            away = wp.float64(w[j])
-            if other[q] < 0:
-                d = d - double(u[j])
-                away = zero
-            a = zero
-            if compliance:
-                a = wp.float64(compliance[q]) * soften
-            before = zero
-            if mean_gradient:
-                d0 = d
-                if other[q] < 0:
-                    d0 = d + double(u[j])
-                before = wp.length(d0)
+            before[q] = d
             start[q] = d
-            fixed[q] = wp.vec4d(wp.float64(rest_length[q]), a, before, weight[t] + away)
+            mobility = weight[t] + wp.float64(w[j])
+            if other[q] < 0:
+                start[q] = d - double(u[j])
+                mobility = weight[t]
+            soft = zero
+            if compliance:
+                soft = wp.float64(compliance[q]) * soften
+            fixed[q] = wp.vec4d(wp.float64(rest_length[q]), soft, wp.length(d), mobility)
             lam[q] = lam[q] * lam_scale
+            if vector_lam:
+                vector_lam[q] = vector_lam[q] * lam_scale
         if point_first:
             for q in range(point_first[t], point_first[t + 1]):
                 point_lam[point[q]] = point_lam[point[q]] * lam_scale
 
     rigid = gives[piece] == 0
-    phase_began = int(0)
     polishing = bool(False)
-    done = bool(False)
+    began = int(0)
     used = int(0)
+    done = bool(False)
     error = zero
     while used < iterations and not done:
         used = used + 1
@@ -173,51 +182,32 @@ def solve_pieces(
                 where[row[s]] = s
             A = D[t]
             z = b[t]
-            if not held:
-                inertia = one / weight[t]
-                A = A + inertia * identity
-                z = z - inertia * (move[t] - free[t])
             for q in range(link_first[t], link_first[t + 1]):
                 r = other[q]
                 d = start[q] + move[t]
                 if r >= 0:
                     d = d - move[r]
                 f = fixed[q]
-                L = f[0]
-                pull = lam[q]
-                length = wp.length(d)
-                n = wp.vec3d(one, zero, zero)
-                if length > zero:
-                    n = d / length
-                g = n
-                size = wp.max(length, half * L)
-                turning = one / wp.max(size, tiny)
-                kappa = -pull * turning
-                c = length - L
-                a = f[1]
-                if mean_gradient:
-                    before = f[2]
-                    both = one / wp.max(length + before, tiny)
-                    s0 = start[q]
-                    if r < 0:
-                        s0 = s0 + double(u[partner[q]])
-                    g = (s0 + d) * both
-                    kappa = -pull * both
-                    if a > zero:
-                        c = c + (before - L)
-                        a = a + a
-                cut = zero
-                if kappa < softest[q]:
-                    cut = softest[q] - kappa
-                    kappa = softest[q]
+                yields = zero
+                steadies = proximal[q]
                 if not rigid:
-                    a = a + elastic[q]
-                c = c + a * pull
-                e = one / wp.max(a, proximal[q])
-                normal[q] = n
-                rest[q] = wp.vec4d(c, e, turning, cut)
-                M = kappa * identity + (e - kappa) * wp.outer(g, n)
-                force = (pull - c * e) * g
+                    yields = elastic[q]
+                    steadies = zero
+                if f[0] > zero:
+                    M, force, n, step = link_row(
+                        d, before[q], f[0], f[1], f[2], lam[q], steadies, yields, softest[q], short, mean_gradient
+                    )
+                    normal[q] = n
+                    rest[q] = step
+                else:
+                    away = d
+                    soft = f[1] + yields
+                    if mean_gradient and f[1] > zero:
+                        away = away + before[q]
+                        soft = soft + f[1]
+                    e, pull = point_row(away, vector_lam[q], soft, steadies)
+                    M = e * identity
+                    force = pull
                 A = A + M
                 z = z + force
                 if r >= 0:
@@ -232,20 +222,37 @@ def solve_pieces(
                 b[t] = wp.vec3d()
                 F[t] = wp.mat33d()
             else:
+                inertia = one / weight[t]
+                A = A + inertia * identity
+                z = z - inertia * (move[t] - free[t])
                 if point_first:
                     for q in range(point_first[t], point_first[t + 1]):
                         k = point[q]
-                        a = zero
-                        if point_compliance:
-                            a = wp.float64(point_compliance[k]) * soften
                         gone = double(x[particle[t]]) - double(target[k])
-                        c3 = gone + move[t]
-                        if mean_gradient and a > zero:
-                            c3 = c3 + gone
-                            a = a + a
-                        e = one / wp.max(a, wp.float64(1.0e-12) * weight[t])
+                        away, soft = point_now(gone, move[t], k, point_compliance, soften, mean_gradient)
+                        if not rigid:
+                            soft = soft + give[t]
+                        e, pull = point_row(away, point_lam[k], soft, give[t])
                         A = A + e * identity
-                        z = z + point_lam[k] - e * (c3 + a * point_lam[k])
+                        z = z + pull
+                slides = bool(False)
+                if head:
+                    k = head[particle[t]]
+                    while k >= 0:
+                        gap, outward, curvature = gap_now(move[t], side[k], contact_start[k], led[k], surface[k])
+                        if status[k] == OPEN and gap < zero:
+                            status[k] = STICKS
+                        if status[k] != OPEN:
+                            slip = move[t] - led[k]
+                            slip = slip - wp.dot(outward, slip) * outward
+                            M, force = contact_row(
+                                status[k], gap, outward, curvature, slip, contact_lam[k], grip[k],
+                                surface[k][2], one / give[t], wp.float64(CURVED) * inertia,
+                            )  # fmt: skip
+                            A = A + M
+                            z = z + force
+                            slides = slides or status[k] == SLIDES
+                        k = following[k]
                 for q in range(row_first[t], row_first[t + 1]):
                     s = row_slot[q]
                     m = row_column[q]
@@ -257,6 +264,12 @@ def solve_pieces(
                         to = where[row[k]]
                         low[to] = low[to] - low[k] * Y
                         up[to] = up[to] - X * up[k]
+                if slides:
+                    P = pivot(A)
+                    A = P * A
+                    z = P * z
+                    for s in range(column_first[t], column_first[t + 1]):
+                        up[s] = P * up[s]
                 factors = factor_tile(A)
                 F[t] = factors
                 b[t] = forward(factors, z)
@@ -264,9 +277,11 @@ def solve_pieces(
                     low[s] = divide_tile(low[s], factors)
                     up[s] = forward_tile(factors, up[s])
 
-        # Back. What is left after a Newton step is of second order in it, so the step itself tells.
+        # Back, and what the step leaves.
         error = zero
         widest = zero
+        gave = zero
+        switched = bool(False)
         for o in range(end - begin):
             t = end - 1 - o
             z = b[t]
@@ -274,75 +289,103 @@ def solve_pieces(
                 z = z - up[s] * b[row[s]]
             du = back(F[t], z)
             b[t] = du
-            move[t] = move[t] + du
+            moved = move[t] + du
+            move[t] = moved
             for q in range(link_first[t], link_first[t + 1]):
                 r = other[q]
                 apart = du
+                d = start[q] + moved
                 if r >= 0:
                     apart = apart - b[r]
+                    d = d - move[r]
                 f = fixed[q]
-                if f[3] > zero:
-                    now = rest[q]
-                    dlam = -(now[0] + wp.dot(normal[q], apart)) * now[1]
-                    far = wp.length(apart)
-                    turn = far * now[2]
-                    pull = wp.abs(lam[q])
-                    pulled = wp.abs(dlam)
-                    left = half * far * turn
-                    a = f[1]
-                    if mean_gradient:
-                        a = a + a
-                    if not rigid:
-                        a = a + elastic[q]
-                    left = left + wp.max(one / now[1] - a, zero) * pulled
-                    error = wp.max(error, left / (tolerance + relative * f[0]))
-                    left = f[3] * (turn * (pulled + turn * pull) + now[3] * far)
-                    error = wp.max(error, left / (tolerance + relative * (f[0] + f[3] * pull)))
-                    widest = wp.max(widest, far)
-                    lam[q] = lam[q] + dlam
-            if point_first:
-                if weight[t] > zero:
+                yields = zero
+                steadies = proximal[q]
+                if not rigid:
+                    yields = elastic[q]
+                    steadies = zero
+                if f[0] == zero:
+                    away = d
+                    soft = f[1] + yields
+                    if mean_gradient and f[1] > zero:
+                        away = away + before[q]
+                        soft = soft + f[1]
+                    e, pull = point_row(away, vector_lam[q], soft, steadies)
+                    left = wp.max(one / e - soft, zero) * wp.length(pull - vector_lam[q])
+                    error = wp.max(error, left / (tolerance + relative * mean_length[piece]))
+                    vector_lam[q] = pull
+                elif f[3] > zero:
+                    pulls, left = link_step(
+                        apart, d, normal[q], rest[q], f, lam[q], yields, mean_gradient, tolerance, relative
+                    )
+                    lam[q] = pulls
+                    error = wp.max(error, left)
+                    widest = wp.max(widest, wp.length(apart))
+                    gave = wp.max(gave, yields * wp.abs(pulls) / f[0])
+            if weight[t] > zero:
+                if point_first:
                     for q in range(point_first[t], point_first[t + 1]):
                         k = point[q]
-                        a = zero
-                        if point_compliance:
-                            a = wp.float64(point_compliance[k]) * soften
                         gone = double(x[particle[t]]) - double(target[k])
-                        c3 = gone + (move[t] - du)
-                        if mean_gradient and a > zero:
-                            c3 = c3 + gone
-                            a = a + a
-                        e = one / wp.max(a, wp.float64(1.0e-12) * weight[t])
-                        change = -e * (c3 + du + a * point_lam[k])
-                        point_lam[k] = point_lam[k] + change
+                        away, soft = point_now(gone, moved, k, point_compliance, soften, mean_gradient)
+                        if not rigid:
+                            soft = soft + give[t]
+                        e, pull = point_row(away, point_lam[k], soft, give[t])
+                        point_lam[k] = pull
+                if head:
+                    scale = wp.max(mean_length[piece], wp.length(free[t]))
+                    k = head[particle[t]]
+                    while k >= 0:
+                        if status[k] == OPEN:
+                            gap, outward, curvature = gap_now(moved, side[k], contact_start[k], led[k], surface[k])
+                            switched = switched or gap < -(tolerance + relative * scale)
+                        else:
+                            gap, outward, curvature = gap_now(moved - du, side[k], contact_start[k], led[k], surface[k])
+                            now, push, hold, left = contact_step(
+                                status[k], gap, outward, curvature, moved - led[k], du, contact_lam[k], grip[k],
+                                surface[k][2], one / give[t], weight[t], wp.float64(CURVED), scale, tolerance, relative,
+                            )  # fmt: skip
+                            switched = switched or now != status[k]
+                            status[k] = now
+                            contact_lam[k] = push
+                            grip[k] = hold
+                            error = wp.max(error, left)
+                        k = following[k]
+        back_off = zero
+        if widest > farthest:
+            back_off = one - farthest / widest
+            error = never
         for t in range(begin, end):
-            if widest > reach[piece]:
-                move[t] = move[t] - (one - reach[piece] / widest) * b[t]
+            move[t] = move[t] - back_off * b[t]
             b[t] = wp.vec3d()
-        if widest > reach[piece]:
-            error = wp.max(error, accepted + one)
 
-        since = used - phase_began
+        if switched:
+            error = never
+            if rigid:
+                began = used
         if error <= one:
             if rigid:
                 gives[piece] = 0
                 done = True
-            elif polishing or used == iterations:
-                gives[piece] = 1
-                done = True
             else:
-                rigid = True
-                polishing = True
-                phase_began = used
-        elif rigid:
-            if (polishing and since >= POLISH) or since >= PATIENCE:
-                rigid = False
-                polishing = since < PATIENCE
-                phase_began = used
+                gives[piece] = gives[piece] - 1
+                if not polishing and (gives[piece] <= 0 or gave < wp.float64(0.25) * strain[piece]):
+                    rigid = True
+                    polishing = True
+                    began = used
+                else:
+                    if polishing:
+                        gives[piece] = AGAIN
+                        strain[piece] = gave
+                    done = True
+        elif rigid and used - began >= PATIENCE or polishing and used - began >= POLISH:
+            rigid = False
+            gives[piece] = wp.max(gives[piece], 1)
+            began = used
 
     for t in range(begin, end):
         shift[t] = move[t] - free[t]
         u[particle[t]] = Vec3(Real(move[t][0]), Real(move[t][1]), Real(move[t][2]))
     wp.atomic_add(iterations_used, 0, used)
-    if not (error <= one or (done or error <= accepted)):
+    if not (error <= accepted):
         wp.atomic_add(unconverged, 0, 1)

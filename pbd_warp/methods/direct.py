@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -11,6 +12,7 @@ import warp as wp
 from pbd_warp.constraints.distance import Recovering
 from pbd_warp.errors import InputError
 from pbd_warp.kernels.newton import solve_pieces
+from pbd_warp.kernels.rows import forget_contacts, list_contacts, note_contacts
 from pbd_warp.methods.iteration import check_iterations
 from pbd_warp.methods.schedule import Schedule, schedule
 
@@ -25,8 +27,12 @@ step computes with, which is float64; in float32 as much as velocities, which ar
 ACCEPTED = {"float32": 1e-6, "float64": 1e-11}
 """What still counts as converged where the iterations end above the tolerance."""
 
-PROXIMAL = 1e-12
-"""Of what moves both ends of a link: the compliance of a step of the proximal method."""
+PROXIMAL = 1e-9
+"""Of what moves both ends of a link: the compliance of a step of the proximal method; less in long pieces, and in such
+of unlike masses, which are softer than a link alone. The smaller it is, the more rounding leaves of the balance."""
+
+ELASTIC = 1e-12
+"""The same of links that have to give."""
 
 SOFTEST = 0.2
 """How much of a particle's inertia the negative stiffness of its links that push may take away. Tried on straight ropes
@@ -83,6 +89,8 @@ class DirectSolver:
         edges, points = model.distance, model.point
         alone = np.zeros(model.particle_count, bool)
         alone[points.particle] = True
+        if sim.contacts:
+            alone[:] = True
         self.schedule = s = schedule(edges.edge, model.w > 0.0, alone)
         self._schedule = [
             sim.upload(f"direct.{name}", getattr(s, name), wp.int32)
@@ -93,17 +101,25 @@ class DirectSolver:
         ]
         self._lengths(edges, s)
         self._points(points, s)
+        self._touching: list[wp.array | None] = [None] * 9
+        self._memory: wp.array | None = None
+        if sim.contacts:
+            self._contacts()
         tiles, links, slots, pieces = len(s.particle), len(s.link), len(s.row), len(s.piece_first) - 1
         scratch = [("where", tiles, wp.int32), ("D", tiles, wp.mat33d), ("b", tiles, wp.vec3d)]
         scratch += [("F", tiles, wp.mat33d), ("low", slots, wp.mat33d), ("up", slots, wp.mat33d)]
         scratch += [("weight", tiles, wp.float64), ("free", tiles, wp.vec3d), ("move", tiles, wp.vec3d)]
-        scratch += [("start", links, wp.vec3d), ("fixed", links, wp.vec4d), ("normal", links, wp.vec3d)]
-        scratch += [("rest", links, wp.vec4d)]
+        scratch += [("start", links, wp.vec3d), ("before", links, wp.vec3d), ("fixed", links, wp.vec4d)]
+        scratch += [("normal", links, wp.vec3d), ("rest", links, wp.vec4d)]
         self._scratch = [sim.allocate(f"direct.{name}", count, dtype) for name, count, dtype in scratch]
         self.lam = sim.allocate("direct.lam", links, wp.float64)
+        self.vector_lam = None
+        if np.any(edges.rest_length == 0.0):
+            self.vector_lam = sim.allocate("direct.vector_lam", links, wp.vec3d)
         self.point_lam = sim.allocate("direct.point_lam", len(points), wp.vec3d)
         self._shift = sim.allocate("direct.shift", tiles, wp.vec3d)
         self._gives = sim.allocate("direct.gives", pieces, wp.int32)
+        self._strain = sim.allocate("direct.strain", pieces, wp.float64)
         self._tolerance, self._relative = 0.0, TOLERANCE[model.dtype]
         self._accepted = ACCEPTED[model.dtype] / TOLERANCE[model.dtype]
         if method.tolerance is not None:
@@ -117,19 +133,24 @@ class DirectSolver:
         soft = edges.compliance[s.link] > 0.0
         self._recovering = Recovering(sim, "direct", sim.upload("direct.edge", edge, wp.vec2i), rest_length, soft)
         self._compliance = sim.upload("direct.compliance", edges.compliance[s.link]) if soft.any() else None
-        weight = model.w[edge].sum(axis=1)
-        self._proximal = sim.upload("direct.proximal", PROXIMAL * weight, wp.float64)
-        own = np.repeat(np.arange(len(s.particle)), np.diff(s.link_first))
-        piece = np.searchsorted(s.piece_first, own, side="right") - 1
         pieces = len(s.piece_first) - 1
-        links = np.maximum(np.bincount(piece, minlength=pieces), 1)
-        mean = np.bincount(piece, rest, pieces) / links
-        self._reach = sim.upload("direct.reach", np.where(mean > 0.0, REACH * mean, np.inf), wp.float64)
-        # A rubber band's compliance goes with its length; in the geometric mean it is the proximal one.
+        piece = np.repeat(np.arange(pieces), np.diff(s.piece_first))  # of each tile
+        proximal = np.zeros(pieces)
+        for k, (begin, end) in enumerate(pairwise(s.piece_first)):
+            w = model.w[s.particle[begin:end]]
+            proximal[k] = PROXIMAL / (np.sqrt(w.max() / w.min()) * max(1.0, (end - begin) / 300.0))
+        proximal = np.maximum(proximal, ELASTIC / 10.0)
+        self._give = sim.upload("direct.give", proximal[piece] * model.w[s.particle], wp.float64)
+        piece = np.repeat(piece, np.diff(s.link_first))  # of each link
+        weight = model.w[edge].sum(axis=1)
+        self._proximal = sim.upload("direct.proximal", proximal[piece] * weight, wp.float64)
         rated = rest > 0.0
+        count = np.maximum(np.bincount(piece, rated, pieces), 1)
+        self._mean_length = sim.upload("direct.mean_length", np.bincount(piece, rest, pieces) / count, wp.float64)
+        # A rubber band's compliance goes with its length.
         ratio = np.log(np.divide(weight, rest, out=np.ones_like(rest), where=rated))
-        mean = np.exp(np.bincount(piece, np.where(rated, ratio, 0.0), pieces) / np.maximum(np.bincount(piece, rated, pieces), 1))
-        elastic = PROXIMAL * np.where(rated, mean[piece] * rest, weight)
+        mean = np.exp(np.bincount(piece, np.where(rated, ratio, 0.0), pieces) / count)
+        elastic = ELASTIC * np.where(rated, np.maximum(mean[piece] * rest, 0.01 * weight), weight)
         self._elastic = sim.upload("direct.elastic", elastic, wp.float64)
         share = np.maximum(np.bincount(edges.edge.ravel(), minlength=model.particle_count) / 2.0, 1.0)
         softest = -SOFTEST / (model.w * share)[edge].max(axis=1, initial=0.0) if len(edge) else rest
@@ -150,26 +171,67 @@ class DirectSolver:
         if np.any(points.compliance > 0.0):
             self._point_compliance = sim.upload("direct.point_compliance", points.compliance)
 
+    def _contacts(self) -> None:
+        sim = self._sim
+        contacts, count = sim.contacts, sim.model.particle_count
+        some = [("head", count, wp.int32), ("following", contacts.capacity, wp.int32)]
+        some += [(name, contacts.capacity, wp.vec3d) for name in ("side", "contact_start", "led")]
+        some += [("surface", contacts.capacity, wp.vec4d), ("contact_lam", contacts.capacity, wp.float64)]
+        some += [("grip", contacts.capacity, wp.vec3d), ("status", contacts.capacity, wp.int32)]
+        self._touching = [sim.allocate(f"direct.{name}", size, dtype) for name, size, dtype in some]
+        self._memory = sim.allocate("direct.memory", (count, max(len(contacts.kind), 1)), wp.vec3d)
+
+    def _list_contacts(self) -> None:
+        sim, contacts = self._sim, self._sim.contacts
+        contacts.begin()
+        sim.launch(forget_contacts, sim.model.particle_count, self._touching[0])
+        sim.launch(
+            list_contacts,
+            contacts.capacity,
+            *(contacts.kind, contacts.centre, contacts.friction, contacts.collider_friction),
+            *(sim.state.x, sim.w, *contacts.found, contacts.radius, sim.u, self._memory, sim.lam_scale),
+            *self._touching,
+        )
+
+    def _note_contacts(self) -> None:
+        sim, contacts = self._sim, self._sim.contacts
+        _, _, side, start, led, surface, lam, grip, _ = self._touching
+        sim.launch.zero(self._memory)
+        sim.launch(
+            note_contacts,
+            contacts.capacity,
+            *(contacts.count, contacts.pair, lam, grip, side, start, led, surface, sim.u),
+            *(contacts.lam, contacts.normal, self._memory),
+        )
+
     def restart(self) -> None:
         """Forget the multipliers, which a step takes from the one before as a first guess."""
-        for array in (self.lam, self.point_lam, self._shift, self._gives):
-            array.zero_()
+        for array in (self.lam, self.vector_lam, self.point_lam, self._shift, self._gives, self._memory):
+            if array is not None:
+                array.zero_()
 
     def solve(self) -> None:
         sim = self._sim
         self._recovering.begin()
+        if sim.contacts:
+            self._list_contacts()
         sim.launch(
             solve_pieces,
             len(self.schedule.piece_first) - 1,
             *self._schedule,
-            *(self._recovering.rest_now, self._compliance, self._proximal, self._elastic, self._softest, self._reach),
-            *(self._point_first, self._target, self._point, self._point_compliance),
+            *(self._recovering.rest_now, self._compliance, self._proximal, self._elastic, self._softest, self._give),
+            *(self._mean_length, REACH),
+            *(self._point_first, self._point, self._target, self._point_compliance),
+            *self._touching,
             *(sim.state.x, sim.w),
             *(sim.per_force, sim.integrator.mean_gradient, sim.lam_scale),
             *(self._method.iterations, self._tolerance, self._relative, self._accepted),
             *self._scratch,
-            *(self.lam, self.point_lam, self._shift, self._gives, sim.u, *self._counters),
+            *(self.lam, self.vector_lam, self.point_lam, self._shift, self._gives, self._strain),
+            *(sim.u, *self._counters),
         )
+        if sim.contacts:
+            self._note_contacts()
 
     def tension(self) -> np.ndarray:
         """Force along each distance [N], pull positive, float64 [edge_count]; 0 between fixed particles."""
