@@ -43,6 +43,11 @@ POLISH = wp.constant(3)
 AGAIN = wp.constant(16)
 """Steps of elastic links after which rigid ones are tried again, or where they stretch a quarter of what they did."""
 
+TOUCH = wp.constant(1.0e-3)
+
+SLACK = wp.constant(100.0)
+"""Tolerances under which a slip is none."""
+
 CURVED = wp.constant(0.2)
 """Of a particle's inertia: the negative stiffness that the curvature of a surface may have."""
 
@@ -237,6 +242,7 @@ def solve_pieces(
                         z = z + pull
                 slides = bool(False)
                 if head:
+                    loose = tolerance + wp.float64(SLACK) * relative * wp.max(mean_length[piece], wp.length(free[t]))
                     k = head[particle[t]]
                     while k >= 0:
                         gap, outward, curvature = gap_now(move[t], side[k], contact_start[k], led[k], surface[k])
@@ -247,7 +253,7 @@ def solve_pieces(
                             slip = slip - wp.dot(outward, slip) * outward
                             M, force = contact_row(
                                 status[k], gap, outward, curvature, slip, contact_lam[k], grip[k],
-                                surface[k][2], one / give[t], wp.float64(CURVED) * inertia,
+                                surface[k][2], inertia / wp.float64(TOUCH), wp.float64(CURVED) * inertia, loose,
                             )  # fmt: skip
                             A = A + M
                             z = z + force
@@ -334,6 +340,7 @@ def solve_pieces(
                         point_lam[k] = pull
                 if head:
                     scale = wp.max(mean_length[piece], wp.length(free[t]))
+                    loose = tolerance + wp.float64(SLACK) * relative * scale
                     k = head[particle[t]]
                     while k >= 0:
                         if status[k] == OPEN:
@@ -343,9 +350,9 @@ def solve_pieces(
                             gap, outward, curvature = gap_now(moved - du, side[k], contact_start[k], led[k], surface[k])
                             now, push, hold, left = contact_step(
                                 status[k], gap, outward, curvature, moved - led[k], du, contact_lam[k], grip[k],
-                                surface[k][2], one / give[t], weight[t], wp.float64(CURVED), scale, tolerance, relative,
+                                surface[k][2], one / (wp.float64(TOUCH) * weight[t]), weight[t], wp.float64(CURVED), loose, scale, tolerance, relative,
                             )  # fmt: skip
-                            switched = switched or now != status[k]
+                            switched = switched or (now != status[k] and left > one)
                             status[k] = now
                             contact_lam[k] = push
                             grip[k] = hold

@@ -144,14 +144,14 @@ def gap_now(move: wp.vec3d, side: wp.vec3d, start: wp.vec3d, led: wp.vec3d, surf
 
 
 @wp.func
-def slide_direction(slip: wp.vec3d, grip: wp.vec3d):
-    """Where a sliding contact slides: along its slip; against its force where there is none yet."""
+def slide_direction(slip: wp.vec3d, grip: wp.vec3d, loose: wp.float64):
+    """Where a sliding contact slides: along its slip; against its force where there is none to speak of."""
     size = wp.length(slip)
     held = wp.length(grip)
     t = wp.vec3d()
     if held > wp.float64(0.0):
         t = -grip / held
-    if size > wp.float64(0.0) and (wp.dot(slip, t) > wp.float64(0.0) or held == wp.float64(0.0)):
+    if size > loose and (wp.dot(slip, t) > wp.float64(0.0) or held == wp.float64(0.0)):
         t = slip / size
     return t
 
@@ -168,6 +168,7 @@ def contact_row(
     mu: wp.float64,
     e: wp.float64,  # 1 / what the contact gives
     softest: wp.float64,  # the most negative stiffness of its curvature, > 0
+    loose: wp.float64,  # a slip that is none [m]
 ):
     """Of a contact that pushes: its block of the matrix and its force."""
     across = wp.identity(3, dtype=wp.float64) - wp.outer(n, n)
@@ -179,12 +180,11 @@ def contact_row(
             M = M + e * across
             force = force + grip - e * slip
     else:
-        t = slide_direction(slip, grip)
+        t = slide_direction(slip, grip, loose)
         M = M - (mu * e) * wp.outer(t, n)
         force = force - (mu * push) * t
-        size = wp.length(slip)
-        if size > wp.float64(0.0) and lam > wp.float64(0.0):
-            M = M + (mu * lam / size) * (across - wp.outer(t, t))
+        if lam > wp.float64(0.0):
+            M = M + (mu * lam / wp.max(wp.length(slip), loose)) * (across - wp.outer(t, t))
     return M, force
 
 
@@ -202,6 +202,7 @@ def contact_step(
     e: wp.float64,
     weight: wp.float64,
     curved: wp.float64,
+    loose: wp.float64,
     scale: wp.float64,
     tolerance: wp.float64,
     relative: wp.float64,
@@ -218,8 +219,8 @@ def contact_step(
     if mu == zero:
         return STICKS, push, wp.vec3d(), left / (tolerance + relative * (scale + weight * push))
     slip_now = gone - wp.dot(n, gone) * n
-    now = STICKS
-    hold = wp.vec3d()
+    size = wp.length(slip_now)
+    now = status
     if status == STICKS:
         hold = grip - e * slip_now
         held = wp.length(hold)
@@ -227,16 +228,19 @@ def contact_step(
         if held > mu * push:
             now = SLIDES
             hold = hold * (mu * push / held)
+            left = left + weight * (held - mu * push)
     else:
         slip = slip_now - (du - wp.dot(n, du) * n)
-        t = slide_direction(slip, grip)
+        t = slide_direction(slip, grip, loose)
+        if size > loose:
+            if wp.dot(slip_now, t) > zero:
+                turn = wp.length(slip_now / size - t)
+                left = left + weight * mu * (push * turn * turn + pushed * turn)
+                t = slip_now / size
+            else:
+                now = STICKS
+                left = wp.float64(wp.inf)
         hold = (-mu * push) * t
-        if wp.dot(slip_now, t) > zero:
-            now = SLIDES
-            size = wp.length(slip_now)
-            hold = (-mu * push / size) * slip_now
-            turn = wp.length(slip_now / size - t)
-            left = left + weight * mu * (push * turn * turn + pushed * turn)
     return now, push, hold, left / (tolerance + relative * (scale + weight * push))
 
 
