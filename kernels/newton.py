@@ -43,7 +43,8 @@ POLISH = wp.constant(3)
 AGAIN = wp.constant(16)
 """Steps of elastic links after which rigid ones are tried again, or where they stretch a quarter of what they did."""
 
-TOUCH = wp.constant(1.0e-3)
+TOUCH = wp.constant(1.0e-7)
+SOFT = wp.constant(1.0e-2)
 
 SLACK = wp.constant(100.0)
 """Tolerances under which a slip is none."""
@@ -175,8 +176,10 @@ def solve_pieces(
     used = int(0)
     done = bool(False)
     error = zero
+    touch = wp.float64(SOFT)
     while used < iterations and not done:
         used = used + 1
+        touch = wp.max(wp.float64(0.1) * touch, wp.float64(TOUCH))
 
         # Forward: the links that a tile brings in, what is eliminated before it, its own factors.
         for t in range(begin, end):
@@ -247,13 +250,13 @@ def solve_pieces(
                     while k >= 0:
                         gap, outward, curvature = gap_now(move[t], side[k], contact_start[k], led[k], surface[k])
                         if status[k] == OPEN and gap < zero:
-                            status[k] = STICKS
+                            status[k] = SLIDES
                         if status[k] != OPEN:
                             slip = move[t] - led[k]
                             slip = slip - wp.dot(outward, slip) * outward
                             M, force = contact_row(
                                 status[k], gap, outward, curvature, slip, contact_lam[k], grip[k],
-                                surface[k][2], inertia / wp.float64(TOUCH), wp.float64(CURVED) * inertia, loose,
+                                surface[k][2], inertia / touch, wp.float64(CURVED) * inertia, loose,
                             )  # fmt: skip
                             A = A + M
                             z = z + force
@@ -350,7 +353,7 @@ def solve_pieces(
                             gap, outward, curvature = gap_now(moved - du, side[k], contact_start[k], led[k], surface[k])
                             now, push, hold, left = contact_step(
                                 status[k], gap, outward, curvature, moved - led[k], du, contact_lam[k], grip[k],
-                                surface[k][2], one / (wp.float64(TOUCH) * weight[t]), weight[t], wp.float64(CURVED), loose, scale, tolerance, relative,
+                                surface[k][2], one / (touch * weight[t]), weight[t], wp.float64(CURVED), loose, scale, tolerance, relative,
                             )  # fmt: skip
                             switched = switched or (now != status[k] and left > one)
                             status[k] = now
