@@ -44,7 +44,7 @@ AGAIN = wp.constant(16)
 """Steps of elastic links after which rigid ones are tried again, or where they stretch a quarter of what they did."""
 
 TOUCH = wp.constant(1.0e-7)
-SOFT = wp.constant(1.0e-2)
+SOFT = wp.constant(1.0e-3)
 
 SLACK = wp.constant(100.0)
 """Tolerances under which a slip is none."""
@@ -179,8 +179,6 @@ def solve_pieces(
     touch = wp.float64(SOFT)
     while used < iterations and not done:
         used = used + 1
-        touch = wp.max(wp.float64(0.1) * touch, wp.float64(TOUCH))
-
         # Forward: the links that a tile brings in, what is eliminated before it, its own factors.
         for t in range(begin, end):
             held = weight[t] == zero
@@ -245,7 +243,6 @@ def solve_pieces(
                         z = z + pull
                 slides = bool(False)
                 if head:
-                    loose = tolerance + wp.float64(SLACK) * relative * wp.max(mean_length[piece], wp.length(free[t]))
                     k = head[particle[t]]
                     while k >= 0:
                         gap, outward, curvature = gap_now(move[t], side[k], contact_start[k], led[k], surface[k])
@@ -256,7 +253,7 @@ def solve_pieces(
                             slip = slip - wp.dot(outward, slip) * outward
                             M, force = contact_row(
                                 status[k], gap, outward, curvature, slip, contact_lam[k], grip[k],
-                                surface[k][2], inertia / touch, wp.float64(CURVED) * inertia, loose,
+                                surface[k][2], inertia / touch, wp.float64(CURVED) * inertia,
                             )  # fmt: skip
                             A = A + M
                             z = z + force
@@ -343,7 +340,6 @@ def solve_pieces(
                         point_lam[k] = pull
                 if head:
                     scale = wp.max(mean_length[piece], wp.length(free[t]))
-                    loose = tolerance + wp.float64(SLACK) * relative * scale
                     k = head[particle[t]]
                     while k >= 0:
                         if status[k] == OPEN:
@@ -353,7 +349,7 @@ def solve_pieces(
                             gap, outward, curvature = gap_now(moved - du, side[k], contact_start[k], led[k], surface[k])
                             now, push, hold, left = contact_step(
                                 status[k], gap, outward, curvature, moved - led[k], du, contact_lam[k], grip[k],
-                                surface[k][2], one / (touch * weight[t]), weight[t], wp.float64(CURVED), loose, scale, tolerance, relative,
+                                surface[k][2], one / (touch * weight[t]), weight[t], wp.float64(CURVED), scale, tolerance, relative,
                             )  # fmt: skip
                             switched = switched or (now != status[k] and left > one)
                             status[k] = now
@@ -369,6 +365,10 @@ def solve_pieces(
             move[t] = move[t] - back_off * b[t]
             b[t] = wp.vec3d()
 
+        if switched:
+            touch = wp.min(wp.float64(10.0) * touch, wp.float64(SOFT))
+        else:
+            touch = wp.max(wp.float64(0.1) * touch, wp.float64(TOUCH))
         if switched:
             error = never
             if rigid:

@@ -144,19 +144,6 @@ def gap_now(move: wp.vec3d, side: wp.vec3d, start: wp.vec3d, led: wp.vec3d, surf
 
 
 @wp.func
-def slide_direction(slip: wp.vec3d, grip: wp.vec3d, loose: wp.float64):
-    """Where a sliding contact slides: along its slip; against its force where there is none to speak of."""
-    size = wp.length(slip)
-    held = wp.length(grip)
-    t = wp.vec3d()
-    if held > wp.float64(0.0):
-        t = -grip / held
-    if size > loose and (wp.dot(slip, t) > wp.float64(0.0) or held == wp.float64(0.0)):
-        t = slip / size
-    return t
-
-
-@wp.func
 def contact_row(
     status: wp.int32,
     c: wp.float64,
@@ -168,23 +155,23 @@ def contact_row(
     mu: wp.float64,
     e: wp.float64,  # 1 / what the contact gives
     softest: wp.float64,  # the most negative stiffness of its curvature, > 0
-    loose: wp.float64,  # a slip that is none [m]
 ):
     """Of a contact that pushes: its block of the matrix and its force."""
     across = wp.identity(3, dtype=wp.float64) - wp.outer(n, n)
     push = lam - c * e
     M = e * wp.outer(n, n) - wp.min(wp.max(lam, wp.float64(0.0)) * curvature, softest) * across
     force = push * n
-    if status == STICKS:
-        if mu > wp.float64(0.0):
+    if mu > wp.float64(0.0):
+        hold = grip - e * slip
+        held = wp.length(hold)
+        if status == STICKS:
             M = M + e * across
-            force = force + grip - e * slip
-    else:
-        t = slide_direction(slip, grip, loose)
-        M = M - (mu * e) * wp.outer(t, n)
-        force = force - (mu * push) * t
-        if lam > wp.float64(0.0):
-            M = M + (mu * lam / wp.max(wp.length(slip), loose)) * (across - wp.outer(t, t))
+            force = force + hold
+        elif held > wp.float64(0.0):
+            t = hold / held
+            M = M + (mu * e) * wp.outer(t, n)
+            force = force + (mu * push) * t
+            M = M + wp.min(mu * wp.max(push, wp.float64(0.0)) / held, wp.float64(1.0)) * e * (across - wp.outer(t, t))
     return M, force
 
 
@@ -202,7 +189,6 @@ def contact_step(
     e: wp.float64,
     weight: wp.float64,
     curved: wp.float64,
-    loose: wp.float64,
     scale: wp.float64,
     tolerance: wp.float64,
     relative: wp.float64,
@@ -216,31 +202,26 @@ def contact_step(
     pushed = wp.abs(push - lam)
     bent = wp.max(lam * curvature - curved / weight, zero)
     left = wp.float64(0.5) * curvature * far * far + pushed / e + weight * (curvature * pushed + bent) * far
-    if mu == zero:
-        return STICKS, push, wp.vec3d(), left / (tolerance + relative * (scale + weight * push))
-    slip_now = gone - wp.dot(n, gone) * n
-    size = wp.length(slip_now)
-    now = status
-    if status == STICKS:
-        hold = grip - e * slip_now
+    now = STICKS
+    hold = wp.vec3d()
+    if mu > zero:
+        slip = gone - wp.dot(n, gone) * n
+        hold = grip - e * slip
+        if status == SLIDES:
+            along = grip - e * (slip - (du - wp.dot(n, du) * n))
+            if wp.dot(slip, along) > zero:
+                # It would slide the way it is pushed: it sticks, and friction begins where it is.
+                hold = along * (mu * push / wp.length(along))
+                left = left + wp.length(slip) 
+                return STICKS, push, hold, left / (tolerance + relative * (scale + weight * push))
         held = wp.length(hold)
-        left = left + wp.length(hold - grip) / e
         if held > mu * push:
             now = SLIDES
             hold = hold * (mu * push / held)
-            left = left + weight * (held - mu * push)
-    else:
-        slip = slip_now - (du - wp.dot(n, du) * n)
-        t = slide_direction(slip, grip, loose)
-        if size > loose:
-            if wp.dot(slip_now, t) > zero:
-                turn = wp.length(slip_now / size - t)
-                left = left + weight * mu * (push * turn * turn + pushed * turn)
-                t = slip_now / size
-            else:
-                now = STICKS
-                left = wp.float64(wp.inf)
-        hold = (-mu * push) * t
+        left = left + wp.length(hold - grip) / e
+        if now == SLIDES:
+            turn = wp.min(e * far / held, wp.float64(1.0))
+            left = left + weight * mu * turn * (push * turn + pushed)
     return now, push, hold, left / (tolerance + relative * (scale + weight * push))
 
 
