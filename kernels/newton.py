@@ -44,6 +44,9 @@ AGAIN = wp.constant(16)
 """Steps of elastic links after which rigid ones are tried again, or where they stretch a quarter of what they did."""
 
 TOUCH = wp.constant(1.0e-7)
+LAG = wp.constant(12)
+LTOUCH = wp.constant(1.0e-5)
+SOFTEST_TOUCH = wp.constant(1.0e-1)
 SOFT = wp.constant(1.0e-3)
 
 SLACK = wp.constant(100.0)
@@ -253,7 +256,7 @@ def solve_pieces(
                             slip = slip - wp.dot(outward, slip) * outward
                             M, force = contact_row(
                                 status[k], gap, outward, curvature, slip, contact_lam[k], grip[k],
-                                surface[k][2], inertia / touch, wp.float64(CURVED) * inertia,
+                                surface[k][2], inertia / touch, wp.float64(CURVED) * inertia, used > LAG,
                             )  # fmt: skip
                             A = A + M
                             z = z + force
@@ -366,9 +369,11 @@ def solve_pieces(
             b[t] = wp.vec3d()
 
         if switched:
-            touch = wp.min(wp.float64(10.0) * touch, wp.float64(SOFT))
+            touch = wp.min(wp.float64(10.0) * touch, wp.float64(SOFTEST_TOUCH))
         else:
             touch = wp.max(wp.float64(0.1) * touch, wp.float64(TOUCH))
+        if used > LAG:
+            touch = wp.max(touch, wp.float64(LTOUCH))
         if switched:
             error = never
             if rigid:

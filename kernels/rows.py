@@ -155,6 +155,7 @@ def contact_row(
     mu: wp.float64,
     e: wp.float64,  # 1 / what the contact gives
     softest: wp.float64,  # the most negative stiffness of its curvature, > 0
+    lagging: wp.bool,  # friction is bounded by the push as it was, not as this step makes it
 ):
     """Of a contact that pushes: its block of the matrix and its force."""
     across = wp.identity(3, dtype=wp.float64) - wp.outer(n, n)
@@ -169,7 +170,10 @@ def contact_row(
             force = force + hold
         elif held > wp.float64(0.0):
             t = hold / held
-            M = M + (mu * e) * wp.outer(t, n)
+            if lagging:
+                push = lam
+            else:
+                M = M + (mu * e) * wp.outer(t, n)
             force = force + (mu * push) * t
             M = M + wp.min(mu * wp.max(push, wp.float64(0.0)) / held, wp.float64(1.0)) * e * (across - wp.outer(t, t))
     return M, force
