@@ -49,7 +49,7 @@ LTOUCH = wp.constant(1.0e-5)
 SOFTEST_TOUCH = wp.constant(1.0e-1)
 SOFT = wp.constant(1.0e-3)
 
-SLACK = wp.constant(100.0)
+SLACK = wp.constant(1.0e3)
 """Tolerances under which a slip is none."""
 
 CURVED = wp.constant(0.2)
@@ -182,6 +182,7 @@ def solve_pieces(
     touch = wp.float64(SOFT)
     while used < iterations and not done:
         used = used + 1
+        lagging = (used / LAG) % 2 == 1
         # Forward: the links that a tile brings in, what is eliminated before it, its own factors.
         for t in range(begin, end):
             held = weight[t] == zero
@@ -256,7 +257,7 @@ def solve_pieces(
                             slip = slip - wp.dot(outward, slip) * outward
                             M, force = contact_row(
                                 status[k], gap, outward, curvature, slip, contact_lam[k], grip[k],
-                                surface[k][2], inertia / touch, wp.float64(CURVED) * inertia, used > LAG,
+                                surface[k][2], inertia / touch, wp.float64(CURVED) * inertia, lagging,
                             )  # fmt: skip
                             A = A + M
                             z = z + force
@@ -347,12 +348,13 @@ def solve_pieces(
                     while k >= 0:
                         if status[k] == OPEN:
                             gap, outward, curvature = gap_now(moved, side[k], contact_start[k], led[k], surface[k])
-                            switched = switched or gap < -(tolerance + relative * scale)
+                            switched = switched or gap < -(tolerance + wp.float64(SLACK) * relative * scale)
                         else:
                             gap, outward, curvature = gap_now(moved - du, side[k], contact_start[k], led[k], surface[k])
                             now, push, hold, left = contact_step(
                                 status[k], gap, outward, curvature, moved - led[k], du, contact_lam[k], grip[k],
-                                surface[k][2], one / (touch * weight[t]), weight[t], wp.float64(CURVED), scale, tolerance, relative,
+                                surface[k][2], one / (touch * weight[t]), weight[t], wp.float64(CURVED), scale, tolerance,
+                                wp.float64(SLACK) * relative,
                             )  # fmt: skip
                             switched = switched or (now != status[k] and left > one)
                             status[k] = now
@@ -372,7 +374,7 @@ def solve_pieces(
             touch = wp.min(wp.float64(10.0) * touch, wp.float64(SOFTEST_TOUCH))
         else:
             touch = wp.max(wp.float64(0.1) * touch, wp.float64(TOUCH))
-        if used > LAG:
+        if lagging:
             touch = wp.max(touch, wp.float64(LTOUCH))
         if switched:
             error = never
