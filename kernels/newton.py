@@ -37,6 +37,9 @@ from pbd_warp.kernels.rows import OPEN, SLIDES, STICKS, contact_row, contact_ste
 PATIENCE = wp.constant(10)
 """Iterations in which rigid links converge, or the piece is taken for one that has to give."""
 
+TOUCHING = wp.constant(40)
+"""The same of pieces that touch something."""
+
 POLISH = wp.constant(3)
 """Iterations in which rigid links converge from where elastic ones did, if they ever do."""
 
@@ -46,7 +49,7 @@ AGAIN = wp.constant(16)
 TOUCH = wp.constant(1.0e-7)
 LAG = wp.constant(12)
 LTOUCH = wp.constant(1.0e-5)
-SOFTEST_TOUCH = wp.constant(1.0e-1)
+SOFTEST_TOUCH = wp.constant(1.0e-2)
 SOFT = wp.constant(1.0e-3)
 
 SLACK = wp.constant(1.0e3)
@@ -104,6 +107,8 @@ def solve_pieces(
     tolerance: wp.float64,  # [m]
     relative: wp.float64,  # tolerance of a length over the rest length, and of the balance over the forces
     accepted: wp.float64,  # times the tolerance: what counts as converged where iterations end above it
+    round_off: wp.float64,  # of positions, relative
+    firmest: wp.float64,  # what a contact gives in the end, of the inverse mass
     # Scratch:
     where: wp.array[wp.int32],  # [tile_count]
     D: wp.array[wp.mat33d],  # [tile_count] diagonal, zero between steps
@@ -292,6 +297,7 @@ def solve_pieces(
         widest = zero
         gave = zero
         switched = bool(False)
+        patience = int(PATIENCE)
         for o in range(end - begin):
             t = end - 1 - o
             z = b[t]
@@ -344,19 +350,21 @@ def solve_pieces(
                         point_lam[k] = pull
                 if head:
                     scale = wp.max(mean_length[piece], wp.length(free[t]))
+                    rounding = wp.float64(4.0) * round_off * wp.length(double(x[particle[t]]))
                     k = head[particle[t]]
                     while k >= 0:
                         if status[k] == OPEN:
                             gap, outward, curvature = gap_now(moved, side[k], contact_start[k], led[k], surface[k])
-                            switched = switched or gap < -(tolerance + wp.float64(SLACK) * relative * scale)
+                            switched = switched or gap < -(tolerance + rounding + wp.float64(SLACK) * relative * scale)
                         else:
                             gap, outward, curvature = gap_now(moved - du, side[k], contact_start[k], led[k], surface[k])
                             now, push, hold, left = contact_step(
                                 status[k], gap, outward, curvature, moved - led[k], du, contact_lam[k], grip[k],
-                                surface[k][2], one / (touch * weight[t]), weight[t], wp.float64(CURVED), scale, tolerance,
+                                surface[k][2], one / (touch * weight[t]), weight[t], wp.float64(CURVED), scale, tolerance + rounding,
                                 wp.float64(SLACK) * relative,
                             )  # fmt: skip
                             switched = switched or (now != status[k] and left > one)
+                            patience = TOUCHING
                             status[k] = now
                             contact_lam[k] = push
                             grip[k] = hold
@@ -373,7 +381,7 @@ def solve_pieces(
         if switched:
             touch = wp.min(wp.float64(10.0) * touch, wp.float64(SOFTEST_TOUCH))
         else:
-            touch = wp.max(wp.float64(0.1) * touch, wp.float64(TOUCH))
+            touch = wp.max(wp.float64(0.1) * touch, firmest)
         if lagging:
             touch = wp.max(touch, wp.float64(LTOUCH))
         if switched:
@@ -395,7 +403,7 @@ def solve_pieces(
                         gives[piece] = AGAIN
                         strain[piece] = gave
                     done = True
-        elif rigid and used - began >= PATIENCE or polishing and used - began >= POLISH:
+        elif rigid and used - began >= patience or polishing and used - began >= POLISH:
             rigid = False
             gives[piece] = wp.max(gives[piece], 1)
             began = used

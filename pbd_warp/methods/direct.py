@@ -34,6 +34,9 @@ of unlike masses, which are softer than a link alone. The smaller it is, the mor
 ELASTIC = 1e-12
 """The same of links that have to give."""
 
+FIRMEST = {"float32": 1e-3, "float64": 1e-7}
+"""The same of a contact in the end, over the inverse mass: rounded positions contradict each other."""
+
 SOFTEST = 0.2
 """How much of a particle's inertia the negative stiffness of its links that push may take away. Tried on straight ropes
 that are pushed together: 0 converges linearly, often too slowly; from 0.3 on it finds solutions of far more energy."""
@@ -226,6 +229,7 @@ class DirectSolver:
             *(sim.state.x, sim.w),
             *(sim.per_force, sim.integrator.mean_gradient, sim.lam_scale),
             *(self._method.iterations, self._tolerance, self._relative, self._accepted),
+            *(float(np.finfo(sim.model.dtype).eps), FIRMEST[sim.model.dtype]),
             *self._scratch,
             *(self.lam, self.vector_lam, self.point_lam, self._shift, self._gives, self._strain),
             *(sim.u, *self._counters),
