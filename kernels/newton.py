@@ -49,7 +49,7 @@ AGAIN = wp.constant(16)
 TOUCH = wp.constant(1.0e-7)
 LAG = wp.constant(12)
 LTOUCH = wp.constant(1.0e-5)
-SOFTEST_TOUCH = wp.constant(1.0e-2)
+SOFTEST_TOUCH = wp.constant(1.0e-1)
 SOFT = wp.constant(1.0e-3)
 
 SLACK = wp.constant(1.0e3)
@@ -378,7 +378,7 @@ def solve_pieces(
             move[t] = move[t] - back_off * b[t]
             b[t] = wp.vec3d()
 
-        if switched:
+        if lagging and switched:
             touch = wp.min(wp.float64(10.0) * touch, wp.float64(SOFTEST_TOUCH))
         else:
             touch = wp.max(wp.float64(0.1) * touch, firmest)

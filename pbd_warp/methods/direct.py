@@ -34,7 +34,7 @@ of unlike masses, which are softer than a link alone. The smaller it is, the mor
 ELASTIC = 1e-12
 """The same of links that have to give."""
 
-FIRMEST = {"float32": 1e-3, "float64": 1e-7}
+FIRMEST = {"float32": 3e-4, "float64": 1e-4}
 """The same of a contact in the end, over the inverse mass: rounded positions contradict each other."""
 
 SOFTEST = 0.2
