@@ -57,7 +57,7 @@ def main(rounds: int = 15) -> None:
                 sim = simulation(limits, dtype, **settings)
                 with wp.ScopedCapture(device=sim.model.device, force_module_load=False) as capture:
                     for _ in range(WATCHES):
-                        sim.watch.launch()
+                        sim._loop.monitor.launch()
                 for _ in range(3):
                     sim.step()
                 graph = capture.graph

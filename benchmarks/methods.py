@@ -72,7 +72,7 @@ class Elimination:
         rest = np.zeros(count)
         rest[model.distance.edge[:, 0]] = model.distance.rest_length
         self._base = DT * np.where(model.w[:, None] > 0.0, v + DT * np.asarray(model.gravity), v)
-        self._lam_before = sim.arrays["direct.lam"].numpy()
+        self._lam_before = sim._context.arrays["direct.lam"].numpy()
         self._lam, self.u = np.empty(count), np.empty((count, 3))
         place = np.empty((count, 17))
         self._arrays = (first, rest, x, np.ascontiguousarray(model.w), self._base, place, self._lam, self.u)
@@ -89,7 +89,7 @@ def check_agreement(c: Elimination, sim: pbd.Simulation) -> None:
     """Both make the step that comes next; what the iterations move must be the same."""
     c()
     sim.step()
-    u = sim.u.numpy()
+    u = sim._context.u.numpy()
     difference = np.max(np.abs(c.u - u)) / np.max(np.abs(u))
     if not difference < AGREEMENT:
         sys.exit(f"benchmarks/methods.py: C and ours differ by {difference:.1e} of the displacement")

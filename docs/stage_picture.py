@@ -11,7 +11,7 @@ import numpy as np
 import warp as wp
 from pxr import Usd, UsdGeom
 
-from pbd_warp.stage import Material, load_stage, simulate
+from pbd_warp.curves import Material, load_stage, simulate
 
 HERE = Path(__file__).parent
 STAGE = HERE.parent / "tests" / "data" / "cables_blender.usda"

@@ -19,14 +19,10 @@ def predict_bdf2(
     # Model:
     gravity: Vec3,  # [m/s^2]
     # State:
-    x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
     dt: Real,  # [s]
-    grabbed: wp.array[wp.int32],  # [1]
-    grab_target: wp.array[Vec3],  # [1] [m]
-    part: Real,  # of the way to its target that the grabbed particle goes in this step
     history: wp.array[wp.int32],  # [1] 0: there is no step before this one
     u_before: wp.array[Vec3],  # [particle_count] [m]
     v_before: wp.array[Vec3],  # [particle_count] [m/s]
@@ -34,9 +30,7 @@ def predict_bdf2(
     u: wp.array[Vec3],  # [particle_count] [m]
 ):
     i = wp.tid()
-    if i == grabbed[0]:
-        u[i] = (grab_target[0] - x[i]) * part
-    elif w[i] == Real(0.0):
+    if w[i] == Real(0.0):
         u[i] = dt * v[i]
     elif history[0] == 0:
         u[i] = dt * (v[i] + dt * gravity)
@@ -74,11 +68,11 @@ def update_bdf2(
 @kernel
 def remember(
     # In:
-    per_force_then: Real,  # of all steps but the first [1/s^2]
+    compliance_scale_then: Real,  # of all steps but the first [1/s^2]
     # Out:
     history: wp.array[wp.int32],  # [1]
-    per_force: wp.array[Real],  # [1] [1/s^2]
+    compliance_scale: wp.array[Real],  # [1] [1/s^2]
 ):
     """From now on there is a step before."""
     history[0] = 1
-    per_force[0] = per_force_then
+    compliance_scale[0] = compliance_scale_then

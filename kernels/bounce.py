@@ -23,13 +23,13 @@ def count_active(
     pair: wp.array[wp.vec2i],
     lam: wp.array[Real],
     # Out:
-    share: wp.array[wp.int32],  # [particle_count] contacts that pushed, zero before
+    valence: wp.array[wp.int32],  # [particle_count] contacts that pushed, zero before
 ):
     k = wp.tid()
     if k < count[0] and lam[k] > Real(0.0):
-        wp.atomic_add(share, pair[k][0], 1)
+        wp.atomic_add(valence, pair[k][0], 1)
         if pair[k][1] >= 0:
-            wp.atomic_add(share, pair[k][1], 1)
+            wp.atomic_add(valence, pair[k][1], 1)
 
 
 @kernel
@@ -50,7 +50,7 @@ def bounce(
     normal: wp.array[Vec3],
     lam: wp.array[Real],
     v_before: wp.array[Vec3],  # [particle_count] after line 5 [m/s]
-    share: wp.array[wp.int32],  # [particle_count] contacts that pushed
+    valence: wp.array[wp.int32],  # [particle_count] contacts that pushed
     # Out:
     dv: wp.array[Vec3],  # [particle_count] added to [m/s]
 ):
@@ -63,13 +63,13 @@ def bounce(
     e = restitution
     w_i = w[i]
     w_j = Real(0.0)
-    weight = Real(share[i]) * w_i
+    weight = Real(valence[i]) * w_i
     relative = v[i]
     before = v_before[i]
     n = normal[k]
     if j >= 0:
         w_j = w[j]
-        weight = weight + Real(share[j]) * w_j
+        weight = weight + Real(valence[j]) * w_j
         relative = relative - v[j]
         before = before - v_before[j]
         if wp.dot(n, n) == Real(0.0):

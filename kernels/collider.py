@@ -51,7 +51,7 @@ def find_collider_contacts(
     size: wp.array[Real],  # [collider_count] the sphere's radius [m]
     radius: wp.array[Real],  # [particle_count] [m]
     margin: Real,  # watched beyond touching, relative to r_i
-    recovery: Real,  # overlap that a step takes back at most [m]; negative: all of it
+    depenetration: Real,  # overlap that a step takes back at most [m]; negative: all of it
     # State:
     x: wp.array[Vec3],
     w: wp.array[Real],
@@ -62,7 +62,7 @@ def find_collider_contacts(
     pair: wp.array[wp.vec2i],  # (i, -1 - collider)
     normal: wp.array[Vec3],
     gap: wp.array[Real],
-    share: wp.array[wp.int32],
+    valence: wp.array[wp.int32],
 ):
     """Line 8 for colliders. Watched from one step's travel away, since corrections move particles too."""
     i = wp.tid()
@@ -82,5 +82,5 @@ def find_collider_contacts(
             if k < pair.shape[0]:
                 pair[k] = wp.vec2i(i, -1 - c)
                 normal[k] = n
-                gap[k] = limit_overlap(g, recovery)
-                wp.atomic_add(share, i, 1)
+                gap[k] = limit_overlap(g, depenetration)
+                wp.atomic_add(valence, i, 1)

@@ -9,8 +9,8 @@ A contact is one of two, chosen when it is found:
     half-space  normal = n:  C = n . (u_i - u_j) + gap,   gap = n . (x_i - x_j) - (r_i + r_j)
 Round is the general one. A pair that has passed through each other at the end of the step is no longer in
 contact by distance; for it n, the direction at the entry point, remembers the side it came from.
-With a depenetration speed a step takes back no more than `recovery` of the overlap d that it begins with: round ones
-get gap = max(d - recovery, 0), half-spaces gap >= -recovery.
+With a depenetration speed a step takes back no more than `depenetration` of the overlap d that it begins with: round
+ones get gap = max(d - depenetration, 0), half-spaces gap >= -depenetration.
 A collider (see collider.py) is always a half-space, with j = -1 - collider and w_j = 0.
 """
 
@@ -49,10 +49,10 @@ def joined(start: wp.array[wp.int32], neighbour: wp.array[wp.int32], i: wp.int32
 
 
 @wp.func
-def limit_overlap(gap: Any, recovery: Any):
+def limit_overlap(gap: Any, depenetration: Any):
     """A half-space's gap with no more overlap than a step may take back; without a limit where that is negative."""
-    if recovery >= type(gap)(0.0):
-        return wp.max(gap, -recovery)
+    if depenetration >= type(gap)(0.0):
+        return wp.max(gap, -depenetration)
     return gap
 
 
@@ -63,7 +63,7 @@ def find_contacts(
     radius: wp.array[Real],  # [particle_count] [m]
     max_radius: Real,  # [m]
     margin: Real,  # watched beyond touching, relative to r_i + r_j
-    recovery: Real,  # overlap that a step takes back at most [m]; negative: all of it
+    depenetration: Real,  # overlap that a step takes back at most [m]; negative: all of it
     neighbour_start: wp.array[wp.int32],  # [particle_count + 1], or None: no pair is joined
     neighbour: wp.array[wp.int32],  # [2 edge_count]
     # State:
@@ -78,7 +78,7 @@ def find_contacts(
     pair: wp.array[wp.vec2i],  # [capacity]
     normal: wp.array[Vec3],  # [capacity]
     gap: wp.array[Real],  # [capacity] [m]
-    share: wp.array[wp.int32],  # [particle_count]
+    valence: wp.array[wp.int32],  # [particle_count]
 ):
     """Line 8: pairs whose paths x -> p come within (1 + margin)(r_i + r_j) of each other, each found once.
 
@@ -118,13 +118,13 @@ def find_contacts(
                     pair[k] = wp.vec2i(i, j)
                     normal[k] = n
                     if wp.dot(n, n) > Real(0.0):
-                        gap[k] = limit_overlap(wp.dot(n, start) - rest, recovery)
-                    elif recovery >= Real(0.0):
-                        gap[k] = wp.max(rest - wp.length(start) - recovery, Real(0.0))
+                        gap[k] = limit_overlap(wp.dot(n, start) - rest, depenetration)
+                    elif depenetration >= Real(0.0):
+                        gap[k] = wp.max(rest - wp.length(start) - depenetration, Real(0.0))
                     else:
                         gap[k] = Real(0.0)
-                    wp.atomic_add(share, i, 1)
-                    wp.atomic_add(share, j, 1)
+                    wp.atomic_add(valence, i, 1)
+                    wp.atomic_add(valence, j, 1)
 
 
 @kernel
@@ -163,7 +163,7 @@ def project_contact(
     normal: wp.array[Vec3],
     gap: wp.array[Real],
     u: wp.array[Vec3],
-    share: wp.array[wp.int32],  # or None: masses are not split
+    valence: wp.array[wp.int32],  # or None: masses are not split
     relaxation: Real,
     # Out:
     lam: wp.array[Real],  # [capacity] >= 0 [kg m]
@@ -189,10 +189,10 @@ def project_contact(
         w_j = w[j]
         move = move - u[j]
     weight = w_i + w_j
-    if share:
-        weight = Real(share[i]) * w_i
+    if valence:
+        weight = Real(valence[i]) * w_i
         if j >= 0:
-            weight = weight + Real(share[j]) * w_j
+            weight = weight + Real(valence[j]) * w_j
     if weight == Real(0.0):
         return
     direction = normal[k]

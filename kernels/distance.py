@@ -57,7 +57,7 @@ def distance_over_step(start: Any, move: Any, rest: Any, compliance: Any, mean_g
 
 
 @kernel
-def limit_recovery(
+def limit_lengths(
     # Model:
     edge: wp.array[wp.vec2i],  # [edge_count]
     rest_length: wp.array[Real],  # [edge_count] [m]
@@ -65,7 +65,7 @@ def limit_recovery(
     # State:
     x: wp.array[Vec3],
     # In:
-    recovery: Real,  # what a step may take back of the error that it starts with [m]
+    depenetration: Real,  # what a step may take back of the error that it starts with [m]
     # Out:
     rest_now: wp.array[Real],  # [edge_count] length that this step asks for [m]
 ):
@@ -75,7 +75,7 @@ def limit_recovery(
     length = wp.length(x[edge[k][0]] - x[edge[k][1]])
     rest_now[k] = rest_length[k]
     if soft[k] == 0:
-        rest_now[k] = wp.clamp(rest_length[k], length - recovery, length + recovery)
+        rest_now[k] = wp.clamp(rest_length[k], length - depenetration, length + depenetration)
 
 
 @kernel
@@ -106,9 +106,9 @@ def project_distance(
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
     u: wp.array[Vec3],  # [particle_count] [m]
-    share: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: masses are not split
+    valence: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: masses are not split
     relaxation: Real,
-    per_force: wp.array[Real],  # [1] 1 / the integrator's force scale [1/s^2]: compliance times it is XPBD's alpha~
+    compliance_scale: wp.array[Real],  # [1] [1/s^2]: compliance times it is XPBD's alpha~
     mean_gradient: wp.bool,  # force along the mean of the configurations before and after the step
     # Out:
     lam: wp.array[Real],  # [edge_count] multiplier [kg m], only with compliance
@@ -122,12 +122,12 @@ def project_distance(
     w_i = w[i]
     w_j = w[j]
     weight = w_i + w_j
-    if share:
-        weight = Real(share[i]) * w_i + Real(share[j]) * w_j
+    if valence:
+        weight = Real(valence[i]) * w_i + Real(valence[j]) * w_j
     if weight > Real(0.0):
         soft = Real(0.0)
         if compliance:
-            soft = compliance[k] * per_force[0]
+            soft = compliance[k] * compliance_scale[0]
         c, n, g, size, a = distance_over_step(x[i] - x[j], u[i] - u[j], rest_length[k], soft, mean_gradient)
         if compliance:
             c = c + a * lam[k]

@@ -44,26 +44,18 @@ def predict(
     # Model:
     gravity: Vec3,  # [m/s^2], zero where line 5 has run already
     # State:
-    x: wp.array[Vec3],  # [particle_count] [m]
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
     dt: Real,  # [s]
-    grabbed: wp.array[wp.int32],  # [1] grabbed particle, -1 for none
-    grab_target: wp.array[Vec3],  # [1] where it is at the end of the frame [m]
-    part: Real,  # of the way to its target that it goes in this step
     # Out:
     v: wp.array[Vec3],  # [particle_count] [m/s]
     u: wp.array[Vec3],  # [particle_count] [m]
 ):
     """Lines 5 and 7: v += dt g, u = dt v."""
     i = wp.tid()
-    if i == grabbed[0]:
-        u[i] = (grab_target[0] - x[i]) * part
-        v[i] = u[i] / dt
-    else:
-        if w[i] > Real(0.0):
-            v[i] = v[i] + dt * gravity
-        u[i] = dt * v[i]
+    if w[i] > Real(0.0):
+        v[i] = v[i] + dt * gravity
+    u[i] = dt * v[i]
 
 
 @kernel
@@ -74,7 +66,7 @@ def update(
     # Out:
     x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
-    diverged: wp.array[wp.int32],  # [3] first: lowest particle whose step is not finite; the others: watch.py
+    diverged: wp.array[wp.int32],  # [3] first: lowest particle whose step is not finite; the others: divergence.py
 ):
     """Lines 12-15: v = u / dt, x += u."""
     i = wp.tid()

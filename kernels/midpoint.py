@@ -18,21 +18,15 @@ def predict_midpoint(
     # Model:
     gravity: Vec3,  # [m/s^2]
     # State:
-    x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
     dt: Real,  # [s], negative in the third step of "midpoint4"
-    grabbed: wp.array[wp.int32],  # [1]
-    grab_target: wp.array[Vec3],  # [1] [m]
-    part: Real,  # of the way to its target that the grabbed particle goes in this step
     # Out:
     u: wp.array[Vec3],  # [particle_count] [m]
 ):
     i = wp.tid()
-    if i == grabbed[0]:
-        u[i] = (grab_target[0] - x[i]) * part
-    elif w[i] == Real(0.0):
+    if w[i] == Real(0.0):
         u[i] = dt * v[i]
     else:
         u[i] = dt * v[i] + (Real(0.5) * dt * dt) * gravity

@@ -46,14 +46,23 @@ POLISH = wp.constant(3)
 AGAIN = wp.constant(16)
 """Steps of elastic links after which rigid ones are tried again, or where they stretch a quarter of what they did."""
 
-TOUCH = wp.constant(1.0e-7)
+TOUCH = wp.constant(1.0e-3)
+"""Of a particle's inverse mass: what a contact gives in the first iteration; it firms tenfold in each that follows.
+What is stuck to a surface and held together by rigid links has more constraints than unknowns: firm at once, Newton's
+errors, of second order, would make forces larger than those of the links, of either sign."""
+
+FIRMEST = wp.constant(1.0e-4)
+"""What it gives in the end, of either precision: rounded positions contradict each other too."""
+
 LAG = wp.constant(12)
-LTOUCH = wp.constant(1.0e-5)
-SOFTEST_TOUCH = wp.constant(1.0e-1)
-SOFT = wp.constant(1.0e-3)
+"""Iterations after which friction is bounded by the push as it was for as many, and so on in turn: contacts that slide
+and stick by turns come to rest."""
+
+YIELDING = wp.constant(1.0e-1)
+"""What a contact gives at most, tenfold more whenever contacts open, close, stick or slide in such iterations."""
 
 SLACK = wp.constant(1.0e3)
-"""Tolerances under which a slip is none."""
+"""Tolerances that the gap and the slip of a contact may be off by."""
 
 CURVED = wp.constant(0.2)
 """Of a particle's inertia: the negative stiffness that the curvature of a surface may have."""
@@ -81,7 +90,7 @@ def solve_pieces(
     softest: wp.array[wp.float64],  # [link_count] the most negative kappa [kg]
     give: wp.array[wp.float64],  # [tile_count] e of the rows of one particle [1/kg]
     mean_length: wp.array[wp.float64],  # [piece_count] of its links [m]
-    reach: wp.float64,  # what a link's ends may move apart in one iteration, over the mean length
+    reach: wp.float64,  # what a link's ends may move apart in one iteration, over its length now or the mean length
     point_first: wp.array[wp.int32],  # [tile_count + 1], or None: no points
     point: wp.array[wp.int32],  # [points with a tile] which, tile by tile
     target: wp.array[Vec3],  # [point_count] [m]
@@ -100,15 +109,16 @@ def solve_pieces(
     x: wp.array[Vec3],  # [particle_count] [m]
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
+    base: wp.array[Vec3],  # [particle_count] displacement without constraints [m]
     per_force: wp.array[Real],  # [1] 1 / the integrator's force scale [1/s^2]
     mean_gradient: wp.bool,  # force along the mean of the configurations before and after the step
+    first: wp.bool,  # in the step: multipliers and u are guesses from the one before, otherwise those of now
     lam_scale: wp.float64,  # takes forces of the step before to this step's scale
     iterations: wp.int32,
     tolerance: wp.float64,  # [m]
     relative: wp.float64,  # tolerance of a length over the rest length, and of the balance over the forces
     accepted: wp.float64,  # times the tolerance: what counts as converged where iterations end above it
     round_off: wp.float64,  # of positions, relative
-    firmest: wp.float64,  # what a contact gives in the end, of the inverse mass
     # Scratch:
     where: wp.array[wp.int32],  # [tile_count]
     D: wp.array[wp.mat33d],  # [tile_count] diagonal, zero between steps
@@ -145,17 +155,18 @@ def solve_pieces(
     identity = wp.identity(3, dtype=wp.float64)
     soften = wp.float64(per_force[0])
     short = wp.float64(SHORT) * mean_length[piece]
-    farthest = reach * mean_length[piece]
-    if farthest == zero:
-        farthest = never
+
+    scale_now = one
+    if first:
+        scale_now = lam_scale
 
     for t in range(begin, end):
         i = particle[t]
         weight[t] = wp.float64(w[i])
-        free[t] = double(u[i])
-        move[t] = free[t]
-        if weight[t] > zero:
-            move[t] = free[t] + lam_scale * shift[t]
+        free[t] = double(base[i])
+        move[t] = double(u[i])
+        if first and weight[t] > zero:
+            move[t] = free[t] + scale_now * shift[t]
     for t in range(begin, end):
         i = particle[t]
         for q in range(link_first[t], link_first[t + 1]):
@@ -171,12 +182,12 @@ def solve_pieces(
             if compliance:
                 soft = wp.float64(compliance[q]) * soften
             fixed[q] = wp.vec4d(wp.float64(rest_length[q]), soft, wp.length(d), mobility)
-            lam[q] = lam[q] * lam_scale
+            lam[q] = lam[q] * scale_now
             if vector_lam:
-                vector_lam[q] = vector_lam[q] * lam_scale
+                vector_lam[q] = vector_lam[q] * scale_now
         if point_first:
             for q in range(point_first[t], point_first[t + 1]):
-                point_lam[point[q]] = point_lam[point[q]] * lam_scale
+                point_lam[point[q]] = point_lam[point[q]] * scale_now
 
     rigid = gives[piece] == 0
     polishing = bool(False)
@@ -184,7 +195,7 @@ def solve_pieces(
     used = int(0)
     done = bool(False)
     error = zero
-    touch = wp.float64(SOFT)
+    touch = wp.float64(TOUCH)
     while used < iterations and not done:
         used = used + 1
         lagging = (used / LAG) % 2 == 1
@@ -336,7 +347,7 @@ def solve_pieces(
                     )
                     lam[q] = pulls
                     error = wp.max(error, left)
-                    widest = wp.max(widest, wp.length(apart))
+                    widest = wp.max(widest, wp.length(apart) / wp.max(one / rest[q][2], mean_length[piece]))
                     gave = wp.max(gave, yields * wp.abs(pulls) / f[0])
             if weight[t] > zero:
                 if point_first:
@@ -371,19 +382,17 @@ def solve_pieces(
                             error = wp.max(error, left)
                         k = following[k]
         back_off = zero
-        if widest > farthest:
-            back_off = one - farthest / widest
+        if widest > reach:
+            back_off = one - reach / widest
             error = never
         for t in range(begin, end):
             move[t] = move[t] - back_off * b[t]
             b[t] = wp.vec3d()
 
         if lagging and switched:
-            touch = wp.min(wp.float64(10.0) * touch, wp.float64(SOFTEST_TOUCH))
+            touch = wp.min(wp.float64(10.0) * touch, wp.float64(YIELDING))
         else:
-            touch = wp.max(wp.float64(0.1) * touch, firmest)
-        if lagging:
-            touch = wp.max(touch, wp.float64(LTOUCH))
+            touch = wp.max(wp.float64(0.1) * touch, wp.float64(FIRMEST))
         if switched:
             error = never
             if rigid:

@@ -23,9 +23,9 @@ def project_point(
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
     u: wp.array[Vec3],  # [particle_count] [m]
-    share: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: masses are not split
+    valence: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: masses are not split
     relaxation: Real,
-    per_force: wp.array[Real],  # [1] 1 / the integrator's force scale [1/s^2]: compliance times it is XPBD's alpha~
+    compliance_scale: wp.array[Real],  # [1] [1/s^2]: compliance times it is XPBD's alpha~
     mean_gradient: wp.bool,  # of a compliant point: the mean of C before and after the step
     # Out:
     lam: wp.array[Vec3],  # [point_count] multiplier [kg m], only with compliance
@@ -36,12 +36,12 @@ def project_point(
     k = wp.tid()
     i = particle[k]
     weight = w[i]
-    if share:
-        weight = Real(share[i]) * weight
+    if valence:
+        weight = Real(valence[i]) * weight
     if weight > Real(0.0):
         c = (x[i] - target[k]) + u[i]
         if compliance:
-            a = compliance[k] * per_force[0]
+            a = compliance[k] * compliance_scale[0]
             if mean_gradient and a > Real(0.0):
                 c = c + (x[i] - target[k])
                 a = a + a

@@ -1,20 +1,20 @@
 """Position-based dynamics on NVIDIA Warp."""
 
-from pbd_warp.builder import ModelBuilder
-from pbd_warp.cautions import Caution
-from pbd_warp.drag import Drag
 from pbd_warp.errors import InputError, PbdError, SimulationFailed
+from pbd_warp.grab.drag import Drag
 from pbd_warp.measure import Measures, measure
-from pbd_warp.methods import Direct, GaussSeidel, Jacobi
-from pbd_warp.model import Model, State
+from pbd_warp.model.builder import ModelBuilder
+from pbd_warp.model.model import Model, State
+from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene, load_scene, scene_names
+from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
-from pbd_warp.usd import UsdWriter
+from pbd_warp.step.divergence import Limits
+from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
+from pbd_warp.usd.writer import UsdWriter
 from pbd_warp.version import __version__
-from pbd_warp.watch import Limits
 
 __all__ = [
-    "Caution",
     "Direct",
     "Drag",
     "GaussSeidel",
@@ -25,7 +25,9 @@ __all__ = [
     "Model",
     "ModelBuilder",
     "PbdError",
+    "PreflightWarning",
     "Scene",
+    "Settings",
     "Simulation",
     "SimulationFailed",
     "State",

@@ -6,127 +6,116 @@ simulation, so that there is no list of what is state and what is scratch to get
 
 from __future__ import annotations
 
-import inspect
 import json
 import os
 import zipfile
 from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import warp as wp
 
 from pbd_warp import check
-from pbd_warp.builder import DTYPES, find_device
-from pbd_warp.constraints.distance import DistanceSet
-from pbd_warp.constraints.point import PointSet
-from pbd_warp.durable import replacing
+from pbd_warp.atomic import replacing
 from pbd_warp.errors import InputError
-from pbd_warp.methods import METHODS
-from pbd_warp.model import Colliders, Contacts, Model
-from pbd_warp.simulation import Simulation
+from pbd_warp.model.builder import DTYPES, find_device
+from pbd_warp.model.constraints import DistanceSet, PointSet
+from pbd_warp.model.model import Colliders, Contacts, Model
+from pbd_warp.settings import Settings
 from pbd_warp.version import __version__
-from pbd_warp.watch import Limits
 
 FORMAT = "pbd-warp checkpoint"
-VERSION = 1
+VERSION = 2
 
 
-def save(sim: Simulation, path: str | Path, extra: Mapping[str, Any] | None = None) -> None:
-    """Write a simulation to a file, which appears when it is complete.
+@dataclass(frozen=True)
+class Checkpoint:
+    """A simulation at the end of a frame.
 
-    Args:
-        extra: What the caller wants to find there again; anything that JSON can hold.
-
-    Raises:
-        InputError: the folder does not exist or cannot be written to.
-        SimulationFailed: the disk is full, or failed otherwise; an older file of that name is still there.
+    progress: What else it needs to go on, as values that JSON can hold.
+    arrays: All its device arrays by name.
+    extra: What the caller wants to find there again.
     """
-    path = Path(path)
-    check.folder(path.parent)
-    header = {
-        "format": FORMAT,
-        "version": VERSION,
-        "written by": __version__,
-        "device": str(sim.model.device),
-        "dtype": sim.model.dtype,
-        "settings": _settings(sim),
-        "frame": sim.frame,
-        "retried": sim.retried,
-        "held": sim.held,
-        "led": sim.led,
-        "extra": dict(extra or {}),
-    }
-    members: dict[str, Any] = {f"model/{name}": values for name, values in _flat(sim.model)}
-    members |= {f"array/{name}": array.numpy() for name, array in sim.arrays.items()}
-    header["members"] = ["header", *members]
-    members["header"] = np.frombuffer(json.dumps(header).encode(), np.uint8)
-    with replacing(path, path.with_name(f".{path.name}.{os.getpid()}")) as temporary, open(temporary, "wb") as file:
-        np.savez(file, **members)
 
+    model: Model
+    settings: Settings
+    progress: dict[str, Any]
+    arrays: Mapping[str, np.ndarray]
+    extra: dict[str, Any]
 
-def load(path: str | Path, device: Any = None) -> Simulation:
-    """The simulation of a file, model and settings included.
+    def write(self, path: str | Path) -> None:
+        """Write it to a file, which appears when it is complete.
 
-    Args:
-        device: Where to; the device it was on unless given.
+        Raises:
+            InputError: the folder does not exist or cannot be written to.
+            SimulationFailed: the disk is full, or failed otherwise; an older file of that name is still there.
+        """
+        path = Path(path)
+        check.folder(path.parent)
+        header: dict[str, Any] = {
+            "format": FORMAT,
+            "version": VERSION,
+            "written by": __version__,
+            "device": str(self.model.device),
+            "dtype": self.model.dtype,
+            "settings": self.settings.to_json(),
+            "progress": self.progress,
+            "extra": self.extra,
+        }
+        members: dict[str, Any] = {f"model/{name}": values for name, values in _flat(self.model)}
+        members |= {f"array/{name}": values for name, values in self.arrays.items()}
+        header["members"] = ["header", *members]
+        members["header"] = np.frombuffer(json.dumps(header).encode(), np.uint8)
+        with replacing(path, path.with_name(f".{path.name}.{os.getpid()}")) as temporary, open(temporary, "wb") as file:
+            np.savez(file, **members)
 
-    Raises:
-        InputError: no such file, a truncated or damaged one, one that is no checkpoint, or of another version.
-    """
-    header, members = _read(Path(path))
-    try:
-        settings = dict(header["settings"])
-        if settings.keys() != set(inspect.signature(Simulation).parameters) - {"model"}:
-            raise KeyError(f"settings {', '.join(settings)}")
-        method = dict(settings.pop("method"))
-        model = _model(members, find_device(device or header["device"]), header["dtype"])
-        sim = Simulation(
-            model, method=METHODS[method.pop("name")](**method), limits=Limits(**settings.pop("limits")), **settings
-        )
-    except (KeyError, TypeError, IndexError) as error:
-        raise InputError(f"checkpoint {path} does not fit this pbd-warp: it was made by another ({error})") from None
-    _fill(sim, header, members, path)
-    return sim
+    @classmethod
+    def read(cls, path: str | Path, device: Any = None) -> Checkpoint:
+        """What `write` wrote.
 
+        Args:
+            device: Where to; the device it was on unless given.
 
-def extra_of(path: str | Path) -> dict[str, Any]:
-    """The `extra` that was saved; raises as `load`."""
-    return _read(Path(path))[0]["extra"]
+        Raises:
+            InputError: no such file, a truncated or damaged one, one that is no checkpoint, or of another version.
+        """
+        header, members = _read(Path(path))
+        try:
+            settings = Settings.from_json(header["settings"])
+            model = _model(members, find_device(device or header["device"]), header["dtype"])
+            arrays = {
+                name.removeprefix("array/"): values for name, values in members.items() if name.startswith("array/")
+            }
+            return cls(model, settings, header["progress"], arrays, header["extra"])
+        except (KeyError, TypeError, IndexError, InputError) as error:
+            raise InputError(
+                f"checkpoint {path} does not fit this pbd-warp: it was made by another ({error})"
+            ) from None
 
+    def refuse_other(self, model: Model, settings: Settings, path: str | Path) -> None:
+        """Raise an InputError where it is of another model or of other settings than these."""
+        theirs, ours = json.loads(json.dumps(self.settings.to_json())), json.loads(json.dumps(settings.to_json()))
+        for name, here in ours.items():
+            if theirs[name] != here:
+                raise InputError(f"checkpoint {path} was made with {name} {_plain(theirs[name])}, not {_plain(here)}")
+        if self.model.dtype != model.dtype:
+            raise InputError(f"checkpoint {path} is in {self.model.dtype}, not {model.dtype}")
+        there = dict(_flat(self.model))
+        for name, values in _flat(model):
+            if name not in there or not np.array_equal(there[name], values):
+                raise InputError(f"checkpoint {path} is of another model: its {name} is not the same")
 
-def restore(sim: Simulation, path: str | Path) -> None:
-    """Bring a simulation to where a file says it was.
-
-    Raises:
-        InputError: as `load`, and where the file is of another model or of other settings; `sim` is as it was.
-    """
-    header, members = _read(Path(path))
-    for name, here in _settings(sim).items():
-        there = header["settings"].get(name)
-        if there != here:
-            raise InputError(f"checkpoint {path} was made with {name} {_plain(there)}, not {_plain(here)}")
-    if header["dtype"] != sim.model.dtype:
-        raise InputError(f"checkpoint {path} is in {header['dtype']}, not {sim.model.dtype}")
-    for name, values in _flat(sim.model):
-        there = members.get(f"model/{name}")
-        if there is None or not np.array_equal(there, values):
-            raise InputError(f"checkpoint {path} is of another model: its {name} is not the same")
-    _fill(sim, header, members, path)
-
-
-def _fill(sim: Simulation, header: dict[str, Any], members: dict[str, np.ndarray], path: str | Path) -> None:
-    for name, array in sim.arrays.items():
-        there = members.get(f"array/{name}")
-        if there is None or there.shape != array.numpy().shape:
-            raise InputError(f"checkpoint {path} has no fitting array {name}: it was made by another pbd-warp")
-    for name, array in sim.arrays.items():
-        if array.size:
-            array.assign(members[f"array/{name}"])
-    sim.frame, sim.retried = header["frame"], header["retried"]
-    sim.held = header["held"]
-    sim.led = tuple(header["led"]) if header["led"] else None
+    def fill(self, arrays: Mapping[str, wp.array], path: str | Path) -> None:
+        """Bring a simulation's arrays to what they were; none is changed where one does not fit (InputError)."""
+        for name, array in arrays.items():
+            there = self.arrays.get(name)
+            if there is None or there.shape != array.numpy().shape:
+                raise InputError(f"checkpoint {path} has no fitting array {name}: it was made by another pbd-warp")
+        for name, array in arrays.items():
+            if array.size:
+                array.assign(self.arrays[name])
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -154,12 +143,6 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     return header, members
 
 
-def _settings(sim: Simulation) -> dict[str, Any]:
-    """As JSON would give them back."""
-    method = {"name": sim.method.name, **vars(sim.method)}
-    return json.loads(json.dumps({**sim.settings, "method": method, "limits": vars(sim.settings["limits"])}))
-
-
 def _plain(value: Any) -> str:
     return json.dumps(value) if isinstance(value, dict) else str(value)
 
@@ -180,10 +163,10 @@ def _flat(model: Model) -> Iterator[tuple[str, np.ndarray]]:
 def _model(members: dict[str, np.ndarray], device: Any, dtype: str) -> Model:
     flat = {name.removeprefix("model/"): values for name, values in members.items() if name.startswith("model/")}
 
-    def part(kind: type, name: str) -> Any:
+    def inner(kind: type, name: str) -> Any:
         return kind(**{field.name: flat.pop(f"{name}.{field.name}") for field in fields(kind)})
 
-    distance, point, colliders = part(DistanceSet, "distance"), part(PointSet, "point"), part(Colliders, "colliders")
+    distance, point, colliders = inner(DistanceSet, "distance"), inner(PointSet, "point"), inner(Colliders, "colliders")
     contacts = None
     if "contacts.friction" in flat:
         contacts = Contacts(float(flat.pop("contacts.friction")), float(flat.pop("contacts.restitution")))

@@ -11,11 +11,12 @@ def cost_sheet(sim: Simulation) -> str:
     """Passes of a step, launches of a frame, bytes on the device, as text."""
     passes = sim.passes
     model = sim.model
-    total = sum(array.capacity for array in sim.arrays.values())
+    memory = sim.memory
+    total = sum(memory.values())
     lines = [
         f"particles        {model.particle_count}",
         f"constraints      {model.constraint_count}",
-        f"steps a frame    {sim.substeps} of {1e3 * sim.substep_dt:.4g} ms",
+        f"steps a frame    {round(sim.dt / sim.settings.step_dt)} of {1e3 * sim.settings.step_dt:.4g} ms",
         f"launches a step  {len(passes)}",
         f"launches a frame {sim.launches}",
         f"device memory    {total} bytes, {total / model.particle_count:.1f} a particle",
@@ -24,7 +25,7 @@ def cost_sheet(sim: Simulation) -> str:
         *(f"  {text}" for text in _fold(passes)),
         "",
         "arrays:",
-        *(f"  {name:24} {array.capacity:>10} bytes" for name, array in sim.arrays.items() if array.capacity),
+        *(f"  {name:24} {size:>10} bytes" for name, size in memory.items() if size),
     ]
     return "\n".join(lines)
 

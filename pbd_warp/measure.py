@@ -40,12 +40,11 @@ def _measure(sim: Simulation) -> Measures:
     model = sim.model
     x = sim.state.x.numpy().astype(np.float64)
     v = sim.state.v.numpy().astype(np.float64)
-    free = model.w > 0.0
-    m = np.divide(1.0, model.w, out=np.zeros_like(model.w), where=free)
+    m = model.mass
 
     edges, points = model.distance, model.point
     c = edges.residual(x)
-    c_point = points.residual(x, sim.point_target.numpy()) if sim.point_target else np.zeros(0)
+    c_point = np.zeros(0) if sim.point_target is None else points.residual(x, sim.point_target.numpy())
     rated = edges.rest_length > 0.0
     overlap = max(_pair_overlap(sim, x), _collider_overlap(sim, x))
     elastic = _elastic(c, edges.compliance) + _elastic(c_point, points.compliance)
@@ -69,9 +68,7 @@ def _elastic(c: np.ndarray, compliance: np.ndarray) -> float:
 
 
 def _pair_overlap(sim: Simulation, x: np.ndarray) -> float:
-    if not sim.contacts:
-        return 0.0
-    pair = sim.contacts.pair.numpy()[: int(sim.contacts.count.numpy()[0])]
+    pair = sim.contact_pairs
     i, j = pair[pair[:, 1] >= 0].T
     depth = sim.model.radius[i] + sim.model.radius[j] - np.linalg.norm(x[i] - x[j], axis=1)
     return float(np.max(depth, initial=0.0))

@@ -9,24 +9,23 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import warp as wp
 
-import pbd_warp
 from pbd_warp import check
-from pbd_warp.cautions import Caution
-from pbd_warp.checkpoint import extra_of, restore, save
-from pbd_warp.drag import Drag
+from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import InputError, Interrupted, SimulationFailed
+from pbd_warp.grab.controller import Controller, play
+from pbd_warp.grab.drag import Drag
+from pbd_warp.grab.recording import Recording, Replay
 from pbd_warp.measure import measure
-from pbd_warp.model import Model, State
+from pbd_warp.model.model import Model, State
+from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
-from pbd_warp.usd import UsdWriter
-
-if TYPE_CHECKING:
-    from pbd_warp.take import Replay, Take
+from pbd_warp.usd.writer import UsdWriter
+from pbd_warp.version import __version__
 
 
 @dataclass(frozen=True)
@@ -99,36 +98,6 @@ class _Progress:
         self.wall += seconds
 
 
-def make_simulation(scene: Scene, model: Model) -> Simulation:
-    """A simulation of a scene with the scene's settings."""
-    return Simulation(
-        model,
-        1.0 / check.number("fps", scene.fps, above=0.0),
-        scene.substeps,
-        method=scene.method,
-        integrator=scene.integrator,
-        damping=scene.damping,
-        max_contacts=scene.max_contacts,
-        depenetration_speed=scene.depenetration_speed,
-        limits=scene.limits,
-        on_failure=scene.on_failure,
-    )
-
-
-class Leader(Protocol):
-    """Moves particles between frames: a drag, a recording, what a stage's pinned points follow."""
-
-    @property
-    def memory(self) -> Any:
-        """What it needs to go on from a checkpoint; anything that JSON can hold."""
-
-    def resume(self, memory: Any, sim: Simulation) -> Simulation:
-        """Go on from a checkpoint; gives the simulation that the checkpoint is of."""
-
-    def advance(self, sim: Simulation) -> Simulation:
-        """Before the frame that `step()` makes next, of the simulation that this returns."""
-
-
 class Writer(Protocol):
     """Writes frames: `UsdWriter`, or the one of a stage."""
 
@@ -149,12 +118,12 @@ class Hooks:
     """What a run tells while it goes on, and where it leaves checkpoints.
 
     on_frame: Called after each frame with how many are written. A KeyboardInterrupt from it ends the run.
-    on_caution: Called before the first step with each thing that is known to fail (`Simulation.check`).
+    on_warning: Called before the first step with each thing that is known to fail (`Simulation.check`).
     checkpoints: A resumed run ends with the same file as one that never stopped. None: none are left.
     """
 
     on_frame: Callable[[int], object] = lambda frame: None
-    on_caution: Callable[[Caution], object] = lambda caution: None
+    on_warning: Callable[[PreflightWarning], object] = lambda warning: None
     checkpoints: Checkpoints | None = None
 
 
@@ -164,12 +133,12 @@ def run(
     device: str | None = None,
     dtype: str = "float32",
     hooks: Hooks = Hooks(),
-    take: Take | None = None,
+    recording: Recording | None = None,
 ) -> RunStats:
     """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
 
     Args:
-        take: A recording to be done again, with its settings, instead of the scene's drag.
+        recording: A recording to be done again, with its settings, instead of the scene's drag.
 
     Raises:
         InputError: before anything is simulated or written.
@@ -177,37 +146,42 @@ def run(
     """
     check.whole("frames", scene.frames, low=1)
     model = scene.builder.finalize(device=device, dtype=dtype)
-    leader: Drag | Replay
-    if take is None:
-        leader = Drag(scene.drag)
-        leader.check_particles(model.particle_count)
-        sim = make_simulation(scene, model)
+    controller: Drag | Replay
+    if recording is None:
+        controller = Drag(scene.drag)
+        controller.check_particles(model.particle_count)
+        sim = Simulation(model, scene.settings)
     else:
-        leader = take.replay(scene, model)
-        sim = leader.begin()
+        controller = recording.replay(scene, model)
+        sim = controller.begin()
 
     def open_writer(resume: int | None) -> UsdWriter:
         return UsdWriter(out, model, scene.fps, provenance(scene, model), resume)
 
-    return make_frames(scene, sim, leader, open_writer, out, hooks)
+    return make_frames(scene, sim, controller, open_writer, out, hooks)
 
 
 def provenance(scene: Scene, model: Model) -> dict[str, Any]:
     """How a file was made, for its customLayerData."""
     return {
-        "version": pbd_warp.__version__,
+        "version": __version__,
         "scene": scene.name,
         "device": str(model.device),
         "dtype": model.dtype,
-        "method": scene.method.name,
-        "integrator": scene.integrator,
-        "substeps": scene.substeps,
-        "iterations": scene.method.iterations,
+        "method": scene.settings.method.name,
+        "integrator": scene.settings.integrator,
+        "substeps": scene.settings.substeps,
+        "iterations": scene.settings.method.iterations,
     }
 
 
 def make_frames(
-    scene: Scene, sim: Simulation, leader: Leader, open_writer: Callable[[int | None], Writer], out: Path, hooks: Hooks
+    scene: Scene,
+    sim: Simulation,
+    controller: Controller,
+    open_writer: Callable[[int | None], Writer],
+    out: Path,
+    hooks: Hooks,
 ) -> RunStats:
     """All frames of a scene: lead, step, write.
 
@@ -218,29 +192,29 @@ def make_frames(
     checkpoints = hooks.checkpoints
     if checkpoints and checkpoints.path.absolute() == out.absolute():
         raise InputError(f"checkpoint and output are the same file {out}: name another")
-    for caution in sim.check():
-        hooks.on_caution(caution)
+    for warning in sim.check():
+        hooks.on_warning(warning)
     now = measure(sim)
     progress = _Progress(0, now.energy, now.energy, now.max_stretch, now.residual, sim.unconverged)
     compile_seconds = sim.compile_seconds
     if checkpoints and checkpoints.resume:
-        extra = extra_of(checkpoints.path)
-        if not {"leader", "progress"} <= extra.keys():
+        extra = Checkpoint.read(checkpoints.path).extra
+        if not {"controller", "progress"} <= extra.keys():
             raise InputError(f"checkpoint {checkpoints.path} was not left by a run: go on from it with Simulation.load")
-        sim = leader.resume(extra["leader"], sim)
-        restore(sim, checkpoints.path)
+        sim = controller.resume(extra["controller"], sim)
+        sim.restore(checkpoints.path)
         progress = _Progress(**extra["progress"])
         if progress.frames >= scene.frames:
             raise InputError(
                 f"checkpoint {checkpoints.path} is of frame {progress.frames}, and {scene.frames} were asked for"
             )
     writer = open_writer(progress.frames or None)
-    with say_what_is_kept(writer), writer:
+    with report_saved_frames(writer), writer:
+        motion = play(sim, controller, scene.frames)
         for frame in range(progress.frames, scene.frames):
             if frame > 0:
-                sim = leader.advance(sim)
                 start = time.perf_counter()
-                sim.step()
+                sim = next(motion)
                 wp.synchronize_device(sim.model.device)
                 progress.note(sim, time.perf_counter() - start)
             writer.write(sim.state)
@@ -248,7 +222,7 @@ def make_frames(
             hooks.on_frame(progress.frames)
             if checkpoints and progress.frames % checkpoints.every == 0 and progress.frames < scene.frames:
                 writer.flush()  # first, so that the file has every frame up to the checkpoint
-                save(sim, checkpoints.path, {"leader": leader.memory, "progress": vars(progress)})
+                sim.save(checkpoints.path, {"controller": controller.memory, "progress": vars(progress)})
     made_by.pop("version")
     return RunStats(
         **made_by,
@@ -268,7 +242,7 @@ def make_frames(
 
 
 @contextmanager
-def say_what_is_kept(writer: Writer) -> Iterator[None]:
+def report_saved_frames(writer: Writer) -> Iterator[None]:
     """Adds to the error that ends a run early where the frames so far are."""
     try:
         yield

@@ -8,7 +8,7 @@ import inspect
 import pkgutil
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -17,37 +17,73 @@ import numpy as np
 
 import pbd_warp.scenes
 from pbd_warp import check
-from pbd_warp.builder import ModelBuilder
 from pbd_warp.errors import InputError, unknown
-from pbd_warp.methods import Jacobi, Method
-from pbd_warp.watch import Limits
+from pbd_warp.model.builder import ModelBuilder
+from pbd_warp.settings import Settings
 
 
-@dataclass
+@dataclass(frozen=True, init=False)
 class Scene:
     """What a scene file's function `scene()` returns.
 
-    builder: The particle graph. frames, fps: Length and rate of the animation. substeps, method, integrator,
-    damping, max_contacts, depenetration_speed, limits, on_failure: As in Simulation. drag: The recorded drag, see Drag.
+    builder: The particle graph. frames: Length of the animation. settings: How it is simulated.
+    drag: The recorded drag, see Drag.
     reference: Exact positions [m] at a time [s], shape [particle_count, 3], where they are known; reference_text: where
     from. name: The file's, filled in by `load_scene`.
+
+    Settings may also be given by their names, with `fps` for 1 / dt: Scene(builder, fps=24, damping=0.1).
+
+    Raises:
+        InputError: a setting that makes no sense.
     """
 
     builder: ModelBuilder
-    frames: int = 300
-    fps: float = 60.0
-    substeps: int = 1
-    method: Method = field(default_factory=Jacobi)
-    integrator: str = "pbd"
-    damping: float = 0.0
-    max_contacts: int | None = None
-    depenetration_speed: float | None = None
-    limits: Limits = Limits()  # noqa: RUF009 it is frozen
-    on_failure: str = "raise"
-    drag: Sequence[Sequence[Any]] = ()
-    reference: Callable[[float], np.ndarray] | None = None
-    reference_text: str = ""
-    name: str = ""
+    frames: int
+    settings: Settings
+    drag: Sequence[Sequence[Any]]
+    reference: Callable[[float], np.ndarray] | None
+    reference_text: str
+    name: str
+
+    def __init__(
+        self,
+        builder: ModelBuilder,
+        frames: int = 300,
+        *,
+        settings: Settings | None = None,
+        fps: float | None = None,
+        drag: Sequence[Sequence[Any]] = (),
+        reference: Callable[[float], np.ndarray] | None = None,
+        reference_text: str = "",
+        name: str = "",
+        **changes: Any,
+    ):
+        if fps is not None:
+            changes["dt"] = 1.0 / check.number("fps", fps, above=0.0)
+        values = {
+            "builder": builder,
+            "frames": frames,
+            "settings": (settings or Settings()).changed(**changes),
+            "drag": drag,
+            "reference": reference,
+            "reference_text": reference_text,
+            "name": name,
+        }
+        for field, value in values.items():
+            object.__setattr__(self, field, value)
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        return self.settings.fps
+
+    def changed(self, **changes: Any) -> Scene:
+        """This scene with other fields or settings, by name."""
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        return Scene(**{**own, **changes})
+
+    def __repr__(self) -> str:
+        return f"Scene({self.name!r}, {self.builder!r}, {self.frames} frames at {self.fps:g} a second, {self.settings})"
 
 
 def scene_names() -> list[str]:
@@ -61,25 +97,25 @@ def scene_summary(name: str) -> str:
 
 
 def references() -> ModuleType:
-    """pbd_warp.references, for the scenes that need it; it needs SciPy."""
+    """pbd_warp.accuracy.references, for the scenes that need it; it needs SciPy."""
     try:
-        return importlib.import_module("pbd_warp.references")
+        return importlib.import_module("pbd_warp.accuracy.references")
     except ImportError as error:
         raise InputError(f"exact references need SciPy: pip install 'pbd-warp[chart]' ({error})") from None
 
 
-def load_scene(name: str, seed: int | None = None, settings: Mapping[str, str] | None = None) -> Scene:
+def load_scene(name: str, seed: int | None = None, parameters: Mapping[str, str] | None = None) -> Scene:
     """Build a scene by its name, or from a file of the user's own (anything that ends in .py).
 
     Args:
         seed: For scenes with something random in them (those whose `scene` takes a seed).
-        settings: Values, as text, of other parameters that the scene's function takes.
+        parameters: Values, as text, of other parameters that the scene's function takes.
     """
     module = _from_file(Path(name)) if name.endswith(".py") else _builtin(name)
     build = getattr(module, "scene", None)
     if not callable(build):
         raise InputError(f"scene {name} has no function scene(); it should return a pbd_warp.Scene")
-    options = _parse_settings(name, build, settings or {})
+    options = _parse_parameters(name, build, parameters or {})
     if seed is not None:
         if "seed" not in inspect.signature(build).parameters:
             raise InputError(f"scene {name} has nothing random in it: leave the seed out")
@@ -92,25 +128,24 @@ def load_scene(name: str, seed: int | None = None, settings: Mapping[str, str] |
         raise InputError(f"scene {name} fails to build: {_where(error)}") from error
     if not isinstance(scene, Scene):
         raise InputError(f"scene {name}: scene() must return a pbd_warp.Scene, not {type(scene).__name__}")
-    scene.name = Path(name).stem
-    return scene
+    return scene.changed(name=Path(name).stem)
 
 
-def _parse_settings(name: str, build: Callable[..., Any], settings: Mapping[str, str]) -> dict[str, Any]:
+def _parse_parameters(name: str, build: Callable[..., Any], parameters: Mapping[str, str]) -> dict[str, Any]:
     """Each text as the type that the parameter's default has."""
     known = {key: p.default for key, p in inspect.signature(build).parameters.items() if p.default is not p.empty}
     options: dict[str, Any] = {}
-    for key, text in settings.items():
+    for key, text in parameters.items():
         if key not in known:
             raise (
-                unknown(f"setting of scene {name}", key, known)
+                unknown(f"parameter of scene {name}", key, known)
                 if known
-                else InputError(f"scene {name} has no settings")
+                else InputError(f"scene {name} has no parameters")
             )
         try:
             options[key] = type(known[key])(text)
         except ValueError:
-            raise InputError(f"setting {key} of scene {name} must be like {known[key]!r}, not {text!r}") from None
+            raise InputError(f"parameter {key} of scene {name} must be like {known[key]!r}, not {text!r}") from None
     return options
 
 

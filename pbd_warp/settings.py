@@ -1,4 +1,4 @@
-"""How a scene is simulated, as a thing that can be changed while it runs, written to a file and read back."""
+"""How a model is simulated: one frozen set of settings, for simulations, scenes, recordings, checkpoints and charts."""
 
 from __future__ import annotations
 
@@ -7,117 +7,170 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from pbd_warp import check
-from pbd_warp.constraints.parameters import check_parameters
 from pbd_warp.errors import InputError, unknown
-from pbd_warp.integrators import INTEGRATORS
-from pbd_warp.methods import METHODS, Direct, Method
-from pbd_warp.model import Model
-from pbd_warp.run import make_simulation
-from pbd_warp.scene import Scene
-from pbd_warp.simulation import Simulation
+from pbd_warp.model.constraints import check_softness
+from pbd_warp.model.model import Model
+from pbd_warp.step.divergence import Limits
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.methods import METHODS, Direct, GaussSeidel, Jacobi, Method
+
+ON_FAILURE = ("raise", "continue", "subdivide", "fallback")
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What may be changed while a scene runs. The names are those of Scene and ModelBuilder.
+    """Of one simulation; others come from `changed`, or `dataclasses.replace`.
 
-    stiffness: Of all distances, 0..1; None: as the scene has them.
-    gravity: [m/s^2].
+    dt: Length of a frame [s].
+    substeps: Steps of the paper's loop in a frame, each of dt / substeps.
+    method: How constraints are projected; also a method's name or class, with its defaults.
+    integrator: How velocity becomes position and back: "pbd", "bdf2", "midpoint" or "midpoint4".
+    damping: k of section 3.5: the fraction of all velocity that is not rigid motion taken away in a frame, 0..1.
+    max_contacts: Room for contacts in one step; 8 a particle and 64 more unless given.
+    depenetration_speed: What is wrong with a contact or a distance when a step begins is taken back no faster than
+        this [m/s]: overlapping particles part, and a rope pulled too long and let go shrinks, at this speed a
+        pair. None: at once, so that they leave with the depth of the error over the step's length.
+    limits: Beyond which a frame counts as diverged.
+    on_failure: What becomes of a frame that diverged, or in which `Direct` did not converge. "raise": the error.
+        "subdivide": the frame is made again with twice the substeps, up to 16 times as many. "fallback": it is
+        made again with integrator "bdf2", then "pbd". "continue": as "raise" when it diverged, but Newton
+        iterations that did not converge are only counted.
+    capture: Record a frame once and replay it (a CUDA graph, or its CPU counterpart) instead of launching
+        every kernel from Python.
+    stiffness: Of all distances, 0..1, instead of the model's own; None: as the model has them.
+    gravity: [m/s^2], instead of the model's own; None: as the model has it.
+
+    Raises:
+        InputError: a value outside its range, or a name that is unknown.
     """
 
-    method: Method
-    integrator: str
-    substeps: int
-    damping: float
-    stiffness: float | None
-    gravity: tuple[float, float, float]
+    dt: float = 1.0 / 60.0
+    substeps: int = 1
+    method: Method = Jacobi()  # noqa: RUF009 it is frozen
+    integrator: str = "pbd"
+    damping: float = 0.0
+    max_contacts: int | None = None
+    depenetration_speed: float | None = None
+    limits: Limits = Limits()  # noqa: RUF009 it is frozen
+    on_failure: str = "raise"
+    capture: bool = True
+    stiffness: float | None = None
+    gravity: tuple[float, float, float] | None = None
 
-    @classmethod
-    def of(cls, scene: Scene) -> Settings:
-        """The scene's own."""
-        x, y, z = scene.builder.gravity.tolist()
-        return cls(scene.method, scene.integrator, scene.substeps, scene.damping, None, (x, y, z))
+    def __post_init__(self) -> None:
+        def put(name: str, value: Any) -> None:
+            object.__setattr__(self, name, value)
 
-    def changed(
-        self, scene: Scene, *, method: str | None = None, iterations: int | None = None, **others: Any
-    ) -> Settings:
-        """These settings with others in their place: `method` by its name, its `iterations`, and any of the fields.
-
-        The scene's own method comes as the scene has it. Another one begins with its defaults, but keeps the number of
-        iterations, unless one of the two is `Direct`, to which the number is only a limit.
-
-        Raises:
-            InputError: an unknown method, iterations that the method refuses.
-        """
-        chosen = self.method
-        if method is not None and method != chosen.name:
-            if method not in METHODS:
-                raise unknown("method", method, METHODS)
-            if method == scene.method.name:
-                chosen = scene.method
-            elif Direct.name in (method, chosen.name):
-                chosen = METHODS[method]()
-            else:
-                chosen = METHODS[method](iterations=chosen.iterations)
-        if iterations is not None:
-            chosen = replace(chosen, iterations=iterations)
-        return replace(self, method=chosen, **others)
-
-    def simulation(self, scene: Scene, model: Model) -> Simulation:
-        """A simulation of a scene's model with these settings, from its initial state.
-
-        Raises:
-            InputError: what the simulation, the method or the integrator refuse.
-        """
-        distance = model.distance
+        put("dt", check.number("dt", self.dt, above=0.0))
+        put("substeps", check.whole("substeps", self.substeps, low=1))
+        put("method", _method(self.method))
+        if self.integrator not in INTEGRATORS:
+            raise unknown("integrator", self.integrator, INTEGRATORS)
+        put("damping", check.number("damping", self.damping, low=0.0, high=1.0))
+        if self.max_contacts is not None:
+            put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1))
+        if self.depenetration_speed is not None:
+            put("depenetration_speed", check.number("depenetration_speed", self.depenetration_speed, above=0.0))
+        if not isinstance(self.limits, Limits):
+            raise InputError(f"limits must be a pbd_warp.Limits, not {self.limits!r}")
+        if self.on_failure not in ON_FAILURE:
+            raise unknown("on_failure", self.on_failure, ON_FAILURE)
         if self.stiffness is not None:
-            stiffness = check.spread("stiffness", self.stiffness, len(distance), low=0.0, high=1.0)
-            check_parameters("a distance", stiffness, distance.compliance)
-            distance = replace(distance, stiffness=stiffness)
-        model = replace(model, distance=distance, gravity=check.vector("gravity", self.gravity))
-        changed = replace(
-            scene,
-            method=self.method,
-            integrator=self.integrator,
-            substeps=self.substeps,
-            damping=self.damping,
-            # A hand asks for what Newton's method does not always find: the next frame makes up for it.
-            on_failure="continue" if scene.on_failure == "raise" else scene.on_failure,
-        )
-        return make_simulation(changed, model)
+            put("stiffness", check.number("stiffness", self.stiffness, low=0.0, high=1.0))
+        if self.gravity is not None:
+            put("gravity", tuple(check.vector("gravity", self.gravity).tolist()))
 
-    def continued(self, sim: Simulation, scene: Scene, model: Model) -> Simulation:
-        """As `simulation`, but going on from where another one is: its state, its frame, its point targets and whom it
-        holds. Methods and integrators that remember the step before begin anew."""
-        new = self.simulation(scene, model)
-        new.take_over(sim)
-        new.retried = sim.retried
-        return new
+    @property
+    def fps(self) -> float:
+        """Frames a second, without the rounding of 1 / dt."""
+        return float(f"{1.0 / self.dt:.15g}")
+
+    @property
+    def step_dt(self) -> float:
+        """Length of a step [s]."""
+        return self.dt / self.substeps
+
+    def changed(self, **changes: Any) -> Settings:
+        """These settings with others in their place.
+
+        Raises:
+            InputError: a name that is no setting, or what a setting refuses.
+        """
+        for name in changes:
+            if name not in NAMES:
+                raise unknown("setting", name, NAMES)
+        return replace(self, **changes)
+
+    def with_method(self, name: str | None = None, **options: Any) -> Settings:
+        """These settings with another method by its name, and with options of it (iterations, tolerance).
+
+        The present method keeps what is not said; another one begins with its defaults.
+
+        Raises:
+            InputError: an unknown method, options that it refuses.
+        """
+        method = self.method
+        if name is not None and name != method.name:
+            method = _method(name)
+        return replace(self, method=replace(method, **options))
+
+    def apply(self, model: Model) -> Model:
+        """The model with the gravity and the stiffness of these settings.
+
+        Raises:
+            InputError: a stiffness below 1 for distances that have a compliance.
+        """
+        if self.stiffness is not None:
+            distance = model.distance
+            stiffness = check.spread("stiffness", self.stiffness, len(distance))
+            check_softness("a distance", stiffness, distance.compliance)
+            model = replace(model, distance=replace(distance, stiffness=stiffness))
+        if self.gravity is not None:
+            model = replace(model, gravity=check.vector("gravity", self.gravity))
+        return model
 
     def to_json(self) -> dict[str, Any]:
-        return {**vars(self), "method": {"name": self.method.name, **asdict(self.method)}}
+        """As values that JSON can hold."""
+        return {
+            **vars(self),
+            "method": {"name": self.method.name, **asdict(self.method)},
+            "limits": asdict(self.limits),
+            "gravity": None if self.gravity is None else list(self.gravity),
+        }
 
     @classmethod
     def from_json(cls, data: Any) -> Settings:
         """Raises an InputError for what `to_json` would not have written."""
-        names = [field.name for field in fields(cls)]
-        if not isinstance(data, Mapping) or sorted(data) != sorted(names):
-            raise InputError(f"settings must have {', '.join(names)}")
+        if not isinstance(data, Mapping) or sorted(data) != sorted(NAMES):
+            raise InputError(f"settings must have {', '.join(NAMES)}")
+        values = dict(data)
         options = dict(data["method"]) if isinstance(data["method"], Mapping) else {}
-        name = options.pop("name", None)
-        if not isinstance(name, str) or name not in METHODS:
-            raise unknown("method", name, METHODS)
-        integrator = data["integrator"]
-        if not isinstance(integrator, str) or integrator not in INTEGRATORS:
-            raise unknown("integrator", integrator, INTEGRATORS)
-        substeps = check.whole("substeps", data["substeps"], low=1)
+        method = _method(options.pop("name", None))
+        if not isinstance(data["capture"], bool):
+            raise InputError(f"capture must be true or false, not {data['capture']!r}")
+        if not isinstance(data["integrator"], str) or not isinstance(data["on_failure"], str):
+            raise InputError("integrator and on_failure must be texts")
         try:
-            method = METHODS[name](**options)
+            values["method"] = type(method)(**options)
+            values["limits"] = Limits(**data["limits"])
         except TypeError:
-            raise InputError(f"method {name!r} does not take {', '.join(options)}") from None
-        stiffness = None
-        if data["stiffness"] is not None:
-            stiffness = check.number("stiffness", data["stiffness"], low=0.0, high=1.0)
-        x, y, z = check.vector("gravity", data["gravity"]).tolist()
-        damping = check.number("damping", data["damping"], low=0.0, high=1.0)
-        return cls(method, integrator, substeps, damping, stiffness, (x, y, z))
+            raise InputError(
+                f"method {method.name!r} does not take {', '.join(options)}, or limits are not stretch and energy"
+            ) from None
+        return cls(**values)
+
+    def __str__(self) -> str:
+        return f"{self.method}, integrator {self.integrator!r} and {self.substeps} substeps"
+
+
+NAMES = tuple(field.name for field in fields(Settings))
+
+
+def _method(given: Any) -> Method:
+    """A method from itself, its class or its name."""
+    if isinstance(given, (Jacobi, GaussSeidel, Direct)):
+        return given
+    name = getattr(given, "name", given)
+    if not isinstance(name, str) or name not in METHODS:
+        raise unknown("method", given, METHODS)
+    return METHODS[name]()

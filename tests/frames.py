@@ -3,7 +3,7 @@
 import numpy as np
 from pxr import Usd, UsdGeom, Vt
 
-from pbd_warp.animation import Animation
+from pbd_warp.usd.animation import Animation
 
 POINTS = 7
 

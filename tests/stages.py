@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Gf, Usd, UsdGeom, UsdValidation, Vt
 
-from pbd_warp.stage import Material, load_stage, simulate
+from pbd_warp.curves import Material, load_stage, simulate
 
 CABLES = Path(__file__).parent / "data" / "cables_blender.usda"
 MATERIAL = ("pin", "density", "mass", "compliance")

@@ -11,8 +11,8 @@ from frames import animate, assert_holds, names, values, write
 from pxr import Sdf, Usd, UsdGeom
 
 import pbd_warp as pbd
-from pbd_warp import merge
-from pbd_warp.animation import CHUNK, Animation
+from pbd_warp.usd import merge
+from pbd_warp.usd.animation import CHUNK, Animation
 
 SUFFIXES = (".usda", ".usdc", ".usd")
 
@@ -284,7 +284,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from pxr import Usd, UsdGeom, Vt
-from pbd_warp.animation import Animation
+from pbd_warp.usd.animation import Animation
 
 path, points, frames = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
 x = np.random.default_rng(0).normal(size=(points, 3)).astype(np.float32)

@@ -13,14 +13,16 @@ import pytest
 
 import pbd_warp as pbd
 from pbd_warp.cli import main
+from pbd_warp.preflight import REMEDIES
 from pbd_warp.stability import theory
 from pbd_warp.stability.atlas import COLUMNS, Measured, load, measure_cell, measure_map, save
 from pbd_warp.stability.cell import study
-from pbd_warp.stability.classify import GAINED, LEFT, OFF, OUTCOMES, STRETCHED, Figures, classify
+from pbd_warp.stability.classify import GAINED, LEFT, OFF, OUTCOMES, Figures, classify
 from pbd_warp.stability.draw import LOOKS, boundary_line, draw
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
 from pbd_warp.stability.maps import MAPS, choose
 from pbd_warp.stability.page import page
+from pbd_warp.step.divergence import STRETCHED
 
 SHOWN = Path(__file__).parent.parent / "docs" / "stability"
 WITH_THEORY = [
@@ -70,7 +72,7 @@ def test_the_maps_are_those_promised_and_each_has_a_scene():
         assert made.scene in pbd.scene_names()
         assert made.title
         assert made.text.endswith(".")
-        assert made.cure == made.cure.strip(". ")
+        assert made.remedy == made.remedy.strip(". ")
         for axis in (made.x, made.y):
             assert list(axis.values) == sorted(set(axis.values))
         assert made.size == len(made.panels) * len(made.x.values) * len(made.y.values)
@@ -234,7 +236,7 @@ def test_the_page_shows_all_maps(atlas):
     assert text == page(list(atlas.values()))
     for name, made in MAPS.items():
         assert f"({name}.svg)" in text
-        assert made.cure in text
+        assert made.remedy in text
     assert "on the wrong side of theory by more than one cell." in text
 
 
@@ -252,8 +254,12 @@ SMALL = Map(
         "some": Panel(lambda x, y: Figures(finite=pbd.Jacobi(relaxation=y) is None)),
     },
     text="Text.",
-    cure="cure",
 )
+
+
+@pytest.fixture(autouse=True)
+def remedy(monkeypatch):
+    monkeypatch.setitem(REMEDIES, "small", "remedy")
 
 
 def test_every_cell_is_measured_and_comes_back(tmp_path):
@@ -372,7 +378,7 @@ def test_bad_usage(call, tmp_path, args, message):
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-@pytest.mark.parametrize("library", ["matplotlib", "pbd_warp.references"])
+@pytest.mark.parametrize("library", ["matplotlib", "pbd_warp.accuracy.references"])
 def test_what_the_maps_need_is_named_before_anything_is_made(call, tmp_path, monkeypatch, library):
     monkeypatch.setitem(sys.modules, library, None)
     code, _, err = call("small", "--out", "maps")

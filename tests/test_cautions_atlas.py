@@ -1,14 +1,12 @@
 """What is said to fail before a run is what failed in the runs of the atlas."""
 
 import csv
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import pbd_warp as pbd
-from pbd_warp.cautions import cautions
-from pbd_warp.run import make_simulation
+from pbd_warp.preflight import preflight
 from pbd_warp.stability.cell import study
 from pbd_warp.stability.maps import MAPS
 
@@ -28,9 +26,9 @@ def test_the_estimated_stretch_is_that_of_the_atlas(name):
     for row in [row for row in rows if "direct" not in row["panel"]][::4]:
         sweeps, method = int(float(row["y"])), pbd.Jacobi if "jacobi" in row["panel"] else pbd.GaussSeidel
         iterations, substeps = (1, sweeps) if "substeps" in row["panel"] else (sweeps, 1)
-        scene = replace(SCENES[name](float(row["x"])), method=method(iterations), substeps=substeps, integrator="pbd")
-        sim = make_simulation(scene, scene.builder.finalize())
-        severity = max(c.severity for c in cautions(sim) if c.test in SCENES)
+        scene = SCENES[name](float(row["x"])).changed(method=method(iterations), substeps=substeps, integrator="pbd")
+        sim = pbd.Simulation(scene.builder.finalize(), scene.settings)
+        severity = max(c.severity for c in preflight(sim._snapshot()) if c.test in SCENES)
         fails = row["outcome"] != "converged"
         if fails == (severity > 1.0):
             right += 1

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pbd_warp.chart import COLUMNS, OUTCOMES, Chart, Row, flags, front, load, pick, save
+from pbd_warp.accuracy.chart import COLUMNS, OUTCOMES, Chart, Row, flags, front, load, pick, save
+from pbd_warp.accuracy.plot import draw
 from pbd_warp.errors import InputError
-from pbd_warp.picture import draw
 
 INFO = {"machine": "a, b: 2 cores", "versions": "warp 1.16", "date": "2025-07-01", "reference": "RK4 at h = 1e-5."}
 ROW = Row("chain", "direct", "midpoint4", "float64", 2, 20, 0.1 + 0.2, 0.05, 1200.0, 4e-6, 1e-12, -1e-9, "converged")

@@ -73,7 +73,7 @@ def test_run_and_the_api_give_the_same_motion(tmp_path):
     assert call("run", "worm", "--frames", 40, cwd=tmp_path).returncode == 0
     scene = pbd.load_scene("worm")
     model = scene.builder.finalize()
-    sim = pbd.Simulation(model, 1 / 60, scene.substeps, method=scene.method, damping=scene.damping)
+    sim = pbd.Simulation(model, scene.settings)
     drag = pbd.Drag(scene.drag)
     for _ in range(39):
         drag.advance(sim)
@@ -126,7 +126,7 @@ def test_a_simulation_that_diverges_says_so_and_keeps_its_frames(tmp_path):
     message = last_line(result.stderr)
     frames = samples(tmp_path / "far.usda")
     assert f"frame {len(frames)} " in message
-    for part in ("particle 0 has left the finite numbers with Jacobi(iterations=20", "try more substeps", "far.usda"):
+    for part in ("particle 0 has left the finite numbers with Jacobi(iterations=20", "use more substeps", "far.usda"):
         assert part in message
 
 

@@ -12,14 +12,15 @@ import pbd_warp as pbd
 
 def found_by_kernel(model, dt):
     sim = pbd.Simulation(model, dt=dt, capture=False)
-    sim.integrator.predict(dt, 1.0)
-    sim.contacts.find()
-    count = int(sim.contacts.count.numpy()[0])
+    loop = sim._loop
+    loop.integrator.predict(loop.integrator.stages[0])
+    loop.contacts.find()
+    count = int(sim._loop.contacts.count.numpy()[0])
     rows = {}
     for (i, j), normal, gap in zip(
-        sim.contacts.pair.numpy()[:count],
-        sim.contacts.normal.numpy()[:count],
-        sim.contacts.gap.numpy()[:count],
+        sim._loop.contacts.pair.numpy()[:count],
+        sim._loop.contacts.normal.numpy()[:count],
+        sim._loop.contacts.gap.numpy()[:count],
         strict=True,
     ):
         if 0 <= i < j:  # the one with the longer path comes first; the oracle has the larger index first
@@ -38,14 +39,14 @@ def test_the_grid_finds_what_all_pairs_find(rng, dt, dtype, offset):
         array += offset
     sim, rows = found_by_kernel(model, dt)
     x = sim.state.x.numpy().astype(float)
-    p = x + sim.u.numpy().astype(float)
+    p = x + sim._context.u.numpy().astype(float)
     expected = reference_contacts.find_contacts(model, x, p, model.w)
     assert len(expected) > 12
     assert {(i, j) for i, j, *_ in expected} == set(rows)
     atol = 1e-3 if dtype == "float32" else 1e-9
-    share = sim.valence.numpy().copy()
+    valence = sim.settings.method.valence(model)
     for i, j, normal, offset in expected:
-        share[[i, j] if j >= 0 else [i]] += 1
+        valence[[i, j] if j >= 0 else [i]] += 1
         got, gap = rows[i, j]
         if normal is None:
             np.testing.assert_array_equal(got, 0.0)
@@ -53,7 +54,7 @@ def test_the_grid_finds_what_all_pairs_find(rng, dt, dtype, offset):
             np.testing.assert_allclose(got, normal, atol=atol)
             c = normal @ (x[i] - (x[j] if j >= 0 else 0.0)) - offset
             np.testing.assert_allclose(gap, c, atol=atol)
-    np.testing.assert_array_equal(sim.share.numpy(), share)
+    np.testing.assert_array_equal(sim._loop.contacts.valence.numpy(), valence)
 
 
 def test_bullets_are_half_spaces(rng):

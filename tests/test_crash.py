@@ -14,8 +14,8 @@ from frames import assert_holds, names
 from pxr import Sdf, Usd, UsdGeom
 
 import pbd_warp as pbd
-from pbd_warp.animation import CHUNK
 from pbd_warp.run import run
+from pbd_warp.usd.animation import CHUNK
 
 resource = pytest.importorskip("resource", reason="signals and limits of POSIX")
 

@@ -78,7 +78,7 @@ def direct_steps(model, integrator, steps):
     part = 0.5 if SCHEMES[integrator] else 1.0
     base = np.where(free, h * v + part * h * h * model.gravity, 0.0)
     scale = part * h * h
-    return x, base, scale, sim.u.numpy(), -scale * sim.solver.tension()
+    return x, base, scale, sim._context.u.numpy(), -scale * sim._loop.solver.tension()
 
 
 @both_schemes

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pxr import Usd, UsdGeom
 
 import pbd_warp as pbd
-from pbd_warp.recovery import ON_FAILURE
+from pbd_warp.settings import ON_FAILURE
 
 FRAMES = 8
 

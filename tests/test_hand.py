@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from models import rope_model, state
 
 import pbd_warp as pbd
-from pbd_warp.camera import Camera
-from pbd_warp.hand import REACH, Hand
+from pbd_warp.grab.camera import Camera
+from pbd_warp.grab.grabber import REACH, Grabber
 
 SIZE = (800.0, 600.0)
 
@@ -100,26 +100,26 @@ def test_click_move_click():
     """Select, move with no button held, let go: the particle is under the cursor, then free."""
     sim = pbd.Simulation(rope_model(3, gravity=(0, -1, 0)), substeps=4)
     said = []
-    hand = Hand(sim, lambda *gesture: said.append(gesture))
+    grabber = Grabber(sim, lambda *gesture: said.append(gesture))
     seen_by = camera(eye=(0.5, 0, 3))
     radius = no_radius(sim)
-    hand.click(seen_by, (5, 5), radius)
-    assert hand.particle is None
+    grabber.click(seen_by, (5, 5), radius)
+    assert grabber.particle is None
     at = seen_by.project(state(sim)[0])[2]
-    hand.click(seen_by, (at[0] + 3, at[1] - 4), radius)
-    assert hand.particle == 2
+    grabber.click(seen_by, (at[0] + 3, at[1] - 4), radius)
+    assert grabber.particle == 2
     sim.step()
     np.testing.assert_array_equal(state(sim)[0][2], (1, 0, 0))  # it stays until it is moved
     for step in range(1, 11):
         cursor = (at[0] - 4.0 * step, at[1] + 2.0 * step)
-        hand.hover(seen_by, cursor)
+        grabber.hover(seen_by, cursor)
         sim.step()
         np.testing.assert_allclose(seen_by.project(state(sim)[0])[2], cursor, atol=1e-6)
         np.testing.assert_allclose(state(sim)[0][2, 2], 0.0, atol=1e-12)
     assert abs(state(sim)[0][1, 1]) > 0.05, "its neighbour follows"
-    hand.click(seen_by, (5, 5), radius)
-    assert hand.particle is None
-    hand.hover(seen_by, at)
+    grabber.click(seen_by, (5, 5), radius)
+    assert grabber.particle is None
+    grabber.hover(seen_by, at)
     before = state(sim)[0][2]
     sim.step()
     assert state(sim)[0][2, 1] < before[1], "it falls"
@@ -129,28 +129,28 @@ def test_click_move_click():
 
 def test_moves_in_the_plane_that_faces_the_camera_wherever_that_is_now():
     sim = pbd.Simulation(rope_model(2, pinned=(), gravity=(0, 0, 0)))
-    hand = Hand(sim)
-    hand.select(1)
+    grabber = Grabber(sim)
+    grabber.select(1)
     aside = camera(eye=(4, 1, 1), forward=(-1, -0.3, -0.2))
-    hand.hover(aside, (500, 200))
+    grabber.hover(aside, (500, 200))
     sim.step()
     first = state(sim)[0][1]
     np.testing.assert_allclose((first - (1, 0, 0)) @ aside.forward, 0.0, atol=1e-12)
     above = camera(eye=(1, 3, 0), forward=(0, -1, 0), up=(0, 0, -1))
-    hand.hover(above, (450, 350))
+    grabber.hover(above, (450, 350))
     sim.step()
     second = state(sim)[0][1]
     np.testing.assert_allclose(second[1], first[1], atol=1e-12)
     np.testing.assert_allclose(above.project(second[None])[0], (450, 350), atol=1e-6)
     with pytest.raises(pbd.InputError, match="behind"):
-        hand.hover(camera(eye=(0, 0, -9)), (1, 1))
+        grabber.hover(camera(eye=(0, 0, -9)), (1, 1))
 
 
 def test_a_recorded_drag_goes_through_the_hand(monkeypatch):
     gestures = []
     for name in ("select", "move", "deselect"):
-        done = getattr(Hand, name)
-        monkeypatch.setattr(Hand, name, lambda self, *a, n=name, d=done: (gestures.append(n), d(self, *a)))
+        done = getattr(Grabber, name)
+        monkeypatch.setattr(Grabber, name, lambda self, *a, n=name, d=done: (gestures.append(n), d(self, *a)))
     drag = pbd.Drag([(0.0, "select", 2), (0.1, "move", (1, 1, 0)), (0.2, "deselect")])
     sim = pbd.Simulation(rope_model(3), dt=0.1)
     for _ in range(4):

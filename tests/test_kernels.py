@@ -13,6 +13,7 @@ from pbd_warp.kernels.damping import damp_velocities, find_rotation, sum_angular
 from pbd_warp.kernels.distance import project_distance
 from pbd_warp.kernels.integrate import accelerate, predict, update
 from pbd_warp.kernels.jacobi import add_corrections
+from pbd_warp.kernels.kinematic import move_to_targets, stop
 from pbd_warp.kernels.point import project_point
 
 both_precisions = pytest.mark.parametrize("real", REALS)
@@ -131,17 +132,21 @@ def test_accelerate_moves_only_what_has_mass(real):
 
 @both_precisions
 def test_predict(real):
-    x = np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]])
-    v = np.array([[1.0, 0, 0], [0, 0, 0], [4, 0, 0]])
+    v = np.array([[1.0, 0, 0], [0, 0, 0], [0, 2, 0]])
     w = np.array([1.0, 0.0, 0.0])
-    out = run(
-        predict, real, 3, vec(REALS[real])(0.0, -8.0, 0.0), x, w, 0.25, np.array([2]), np.array([[2.0, 4, 2]]), 0.25,
-        v, np.zeros((3, 3)),
-    )  # fmt: skip
-    v_new, u = out[-2:]
-    # One falls, one is fixed, one is in the hand: it goes a quarter of the way to its target.
+    v_new, u = run(predict, real, 3, vec(REALS[real])(0.0, -8.0, 0.0), w, 0.25, v, np.zeros((3, 3)))[-2:]
+    # One falls, one is fixed and rests, one is fixed and led: nothing changes its velocity.
     np.testing.assert_array_equal(v_new, [[1, -2, 0], [0, 0, 0], [0, 2, 0]])
     np.testing.assert_array_equal(u, [[0.25, -0.5, 0], [0, 0, 0], [0, 0.5, 0]])
+
+
+@both_precisions
+def test_kinematic_particles_reach_their_targets_and_stop(real):
+    x, v = np.array([[0.0, 0, 0], [1, 1, 1], [2, 2, 2]]), np.full((3, 3), 7.0)
+    particle, target = np.array([2, 0]), np.array([[2.0, 4, 2], [1, 0, 0]])
+    moved = run(move_to_targets, real, 2, x, particle, target, 0.25, v)[-1]
+    np.testing.assert_array_equal(moved, [[4, 0, 0], [7, 7, 7], [0, 8, 0]])
+    np.testing.assert_array_equal(run(stop, real, 2, particle, v)[-1], [[0, 0, 0], [7, 7, 7], [0, 0, 0]])
 
 
 @both_precisions

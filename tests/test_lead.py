@@ -5,8 +5,8 @@ import pytest
 from models import rope_model, state
 
 import pbd_warp as pbd
-from pbd_warp.integrators import INTEGRATORS
-from pbd_warp.methods import METHODS
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.methods import METHODS
 
 EPS = {"float32": 1.2e-7, "float64": 2.2e-16}
 SUBSTEPS = 5
@@ -42,8 +42,8 @@ def test_led_particles_are_in_their_places_at_the_end_of_every_frame(method, int
 def test_the_way_is_even_over_the_substeps(monkeypatch, integrator):
     sim = pbd.Simulation(rope_model(3), substeps=4, integrator=integrator, capture=False)
     seen = []
-    update = sim.integrator.update
-    monkeypatch.setattr(sim.integrator, "update", lambda dt: (update(dt), seen.append(state(sim)[0][0])))
+    update = sim._loop.integrator.update
+    monkeypatch.setattr(sim._loop.integrator, "update", lambda stage: (update(stage), seen.append(state(sim)[0][0])))
     sim.lead([0], [(0.0, 0.4, 0.0)])
     sim.step()
     np.testing.assert_allclose(seen, [(0, 0.1, 0), (0, 0.2, 0), (0, 0.3, 0), (0, 0.4, 0)], atol=1e-15)

@@ -41,7 +41,7 @@ def test_overlap(collider):
         builder.add_particle((0, 1.75, 0), radius=0.5)
         builder.enable_contacts()
     sim = pbd.Simulation(builder.finalize(dtype="float64"), max_contacts=4, capture=False)
-    if sim.contacts:
-        sim.contacts.find()
+    if sim._loop.contacts:
+        sim._loop.contacts.find()
     now = pbd.measure(sim)
     assert now.overlap == now.residual == pytest.approx(0.25)

@@ -10,9 +10,9 @@ from models import rope_model, state
 from solving import EPS, both_precisions, converged, rope_between, run
 
 import pbd_warp as pbd
-from pbd_warp import references
-from pbd_warp.methods.gauss_seidel import colours
-from pbd_warp.methods.jacobi import PLAIN_ITERATIONS, chebyshev_factors, spectral_radius
+from pbd_warp.accuracy import references
+from pbd_warp.step.methods.gauss_seidel import colours
+from pbd_warp.step.methods.jacobi import PLAIN_ITERATIONS, chebyshev_factors, spectral_radius
 
 # Tolerances, all methods.
 

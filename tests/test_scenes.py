@@ -7,7 +7,6 @@ import pytest
 from models import FOUR_SCENES, state
 
 import pbd_warp as pbd
-from pbd_warp.run import make_simulation
 from pbd_warp.stability.cell import run_scene
 from pbd_warp.stability.classify import classify
 
@@ -18,7 +17,7 @@ def runs():
     done = {}
     for name in FOUR_SCENES:
         scene = pbd.load_scene(name)
-        sim = make_simulation(scene, scene.builder.finalize())
+        sim = pbd.Simulation(scene.builder.finalize(), scene.settings)
         drag = pbd.Drag(scene.drag)
         positions, measures = [state(sim)[0]], [pbd.measure(sim)]
         for _ in range(scene.frames - 1):
@@ -116,7 +115,7 @@ def test_no_particle_ever_jumps(runs, name):
 def test_study_scenes_stay_close_to_their_reference(name):
     """At their own settings, after one second, within 1 mm of what is exactly known."""
     scene = pbd.load_scene(name)
-    sim = make_simulation(scene, scene.builder.finalize(dtype="float64"))
+    sim = pbd.Simulation(scene.builder.finalize(dtype="float64"), scene.settings)
     for _ in range(60):
         sim.step()
     error = np.abs(state(sim)[0] - scene.reference(1.0)).max()
@@ -138,21 +137,21 @@ def test_every_scene_holds_at_its_own_settings(name):
 
 def test_a_star_of_no_such_shape():
     with pytest.raises(pbd.InputError, match=r"unknown shape of the star 'plane': .* did you mean 'planar'"):
-        pbd.load_scene("star", settings={"shape": "plane"})
+        pbd.load_scene("star", parameters={"shape": "plane"})
 
 
 def test_settings_of_a_scene():
-    assert pbd.load_scene("chain", settings={"links": "4"}).builder.particle_count == 5
-    with pytest.raises(pbd.InputError, match="unknown setting of scene chain 'link': there is links; did you mean"):
-        pbd.load_scene("chain", settings={"link": "4"})
-    with pytest.raises(pbd.InputError, match="setting links of scene chain must be like 9, not 'four'"):
-        pbd.load_scene("chain", settings={"links": "four"})
-    with pytest.raises(pbd.InputError, match="scene rope has no settings"):
-        pbd.load_scene("rope", settings={"links": "4"})
+    assert pbd.load_scene("chain", parameters={"links": "4"}).builder.particle_count == 5
+    with pytest.raises(pbd.InputError, match="unknown parameter of scene chain 'link': there is links; did you mean"):
+        pbd.load_scene("chain", parameters={"link": "4"})
+    with pytest.raises(pbd.InputError, match="parameter links of scene chain must be like 9, not 'four'"):
+        pbd.load_scene("chain", parameters={"links": "four"})
+    with pytest.raises(pbd.InputError, match="scene rope has no parameters"):
+        pbd.load_scene("rope", parameters={"links": "4"})
 
 
 def test_without_scipy_the_extra_is_named(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pbd_warp.references", None)
+    monkeypatch.setitem(sys.modules, "pbd_warp.accuracy.references", None)
     with pytest.raises(pbd.InputError, match=r"references need SciPy: pip install 'pbd-warp\[chart\]'"):
         pbd.load_scene("catenary")
 

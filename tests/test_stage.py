@@ -6,11 +6,11 @@ from pxr import Gf, Sdf, Usd, UsdGeom
 from stages import add_curves, line, local, new_stage, simulated, transform, world
 
 import pbd_warp as pbd
-from pbd_warp import references
-from pbd_warp.integrators import INTEGRATORS
-from pbd_warp.methods import METHODS
+from pbd_warp.accuracy import references
+from pbd_warp.curves import Material, load_stage, simulate
 from pbd_warp.run import Hooks
-from pbd_warp.stage import Material, load_stage, simulate
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.methods import METHODS
 
 EPS = 1.2e-7
 KINDS = [("linear", "nonperiodic", 6), ("linear", "periodic", 6), ("linear", "pinned", 6)]
@@ -241,7 +241,7 @@ def test_the_default_method_is_direct_where_it_is_sure_of_a_solution(tmp_path):
     stage.Save()
 
     def method(**options):
-        return load_stage(tmp_path / "a.usda", **options).scene.method.name
+        return load_stage(tmp_path / "a.usda", **options).scene.settings.method.name
 
     assert method() == "direct"
     assert method(prims=["/World/Slack"], material=Material(pin="ends")) == "direct"

@@ -5,7 +5,7 @@ import pytest
 from pxr import Usd, UsdGeom
 
 import pbd_warp as pbd
-from pbd_warp.stage.basis import LINKS, Fit, Sampling, Topology, control_matrix, varying_matrix
+from pbd_warp.curves.basis import LINKS, Fit, Sampling, Topology, control_matrix, varying_matrix
 
 CUBIC = [
     ("bezier", "nonperiodic", 4),

@@ -10,7 +10,7 @@ from pxr import Sdf, Usd, UsdGeom, UsdShade, UsdUtils
 from stages import CABLES, add_curves, check_valid, line, local, new_stage, simulated, transform, world
 
 from pbd_warp.cli import main
-from pbd_warp.stage import load_stage
+from pbd_warp.curves import load_stage
 
 CURVES = {"/root/PowerLines/PowerLines": 123, "/root/Vines/Vines": 147, "/root/Whip/Whip": 22}
 

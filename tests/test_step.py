@@ -7,7 +7,6 @@ import warp as wp
 from models import FOUR_SCENES, crowd_model, rope_model, state
 
 import pbd_warp as pbd
-from pbd_warp.run import make_simulation
 
 SCENES = FOUR_SCENES
 
@@ -15,17 +14,17 @@ SCENES = FOUR_SCENES
 def check_next_frame(sim, atol, grabbed=None, target=None):
     """Let the simulation and the reference both make the next frame from the same state."""
     x, v = state(sim)
-    method = sim.method
+    method = sim.settings.method
     expected_x, expected_v = reference.frame(
         sim.model, x, v,
         dt=sim.dt, substeps=sim.substeps, iterations=method.iterations, relaxation=method.relaxation,
-        averaging=method.averaging, damping=sim.damping, grabbed=grabbed, target=target,
+        averaging=method.averaging, damping=sim.settings.damping, grabbed=grabbed, target=target,
     )  # fmt: skip
     sim.step()
     x, v = state(sim)
     np.testing.assert_allclose(x, expected_x, atol=atol)
     # A displacement's error is divided by the substep on its way to the velocity.
-    np.testing.assert_allclose(v, expected_v, atol=atol / sim.substep_dt)
+    np.testing.assert_allclose(v, expected_v, atol=atol / sim.settings.step_dt)
 
 
 # Round-off of coordinates of size 1 through the substeps and sweeps of one frame: some 100 operations each.
@@ -36,20 +35,17 @@ ROUND_OFF = {"float32": 100 * 1.2e-7, "float64": 100 * 2.2e-16}
 @pytest.mark.parametrize("name", SCENES)
 def test_every_scene_follows_the_reference(name, dtype):
     """Before, in and after its drag; the reference starts from the simulation's own state each time."""
-    scene = pbd.load_scene(name)
-    scene.method = pbd.Jacobi(4)  # which the reference makes; the others have their own in test_methods.py
-    sim = make_simulation(scene, scene.builder.finalize(dtype=dtype))
+    scene = pbd.load_scene(name).changed(method=pbd.Jacobi(4))  # the method that the reference has
+    sim = pbd.Simulation(scene.builder.finalize(dtype=dtype), scene.settings)
     drag = pbd.Drag(scene.drag)
     start, end = (gesture[0] for gesture in (scene.drag[0], scene.drag[-1]))
     compared = [2, int(60 * (start + 0.2)), int(60 * (end - 0.2)), int(60 * end) + 3]
     for frame in range(compared[-1] + 1):
         drag.advance(sim)
         if frame in compared:
-            particle = int(sim.grabbed.numpy()[0])
-            grabbed = particle if particle >= 0 else None
+            grabbed = sim.held
             assert (grabbed is None) == (frame in (compared[0], compared[-1]))
-            target = sim.grab_target.numpy()[0].astype(float)
-            check_next_frame(sim, ROUND_OFF[dtype], grabbed, target)
+            check_next_frame(sim, ROUND_OFF[dtype], grabbed, sim.held_target)
         else:
             sim.step()
     assert not np.allclose(state(sim)[0], sim.model.x), "nothing moved"
@@ -103,13 +99,13 @@ BOUNCE = ["zero", "count_active", "bounce", "add_corrections"]
 @pytest.mark.parametrize("name", SCENES)
 def test_passes_are_just_what_the_scene_needs(name):
     scene = pbd.load_scene(name)
-    sim = make_simulation(scene, scene.builder.finalize())
+    sim = pbd.Simulation(scene.builder.finalize(), scene.settings)
     collides = name == "collision"
     expected = [
         *([] if collides else DAMPING),
         "predict",
         *(FIND if collides else []),
-        *(PASSES[name] * scene.method.iterations),
+        *(PASSES[name] * scene.settings.method.iterations),
         "update",
         *(BOUNCE if collides else []),
     ]
@@ -121,7 +117,7 @@ def test_a_free_particle_needs_two_passes_and_few_arrays():
     builder.add_particle((0, 0, 0))
     sim = pbd.Simulation(builder.finalize())
     assert sim.passes == ["predict", "update"]
-    assert not [name for name in sim.arrays if name.startswith(("distance", "point", "contact", "damping"))]
+    assert not [name for name in sim._context.arrays if name.startswith(("distance", "point", "contact", "damping"))]
 
 
 def test_passes_touch_nothing():

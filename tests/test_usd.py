@@ -23,8 +23,7 @@ FRAMES = 24
 def exported(request, tmp_path_factory):
     name, suffix = request.param
     path = tmp_path_factory.mktemp("usd") / f"{name}{suffix}"
-    scene = pbd.load_scene(name)
-    scene.frames = FRAMES
+    scene = pbd.load_scene(name).changed(frames=FRAMES)
     stats = run(scene, path)
     return scene, Usd.Stage.Open(str(path)), stats
 
@@ -250,7 +249,7 @@ def test_what_is_not_finite_is_not_written(tmp_path):
     sim = pbd.Simulation(model)
     writer = pbd.UsdWriter(tmp_path / "a.usda", model)
     writer.write(sim.state)
-    sim.state.x.fill_(sim.vec3(np.nan, 0, 0))
+    sim.state.x.fill_(sim._context.vec3(np.nan, 0, 0))
     with pytest.raises(pbd.SimulationFailed, match="frame 1 is not finite"):
         writer.write(sim.state)
     writer.close()

@@ -11,9 +11,9 @@ from models import FOUR_SCENES
 from pxr import Usd, UsdGeom
 
 import pbd_warp as pbd
+from pbd_warp.grab.recording import Recording
 from pbd_warp.run import run
 from pbd_warp.settings import Settings
-from pbd_warp.take import Take
 from pbd_warp.view.session import Session
 
 WINDOW = {"width": 900, "height": 560}
@@ -103,8 +103,8 @@ def test_click_hover_click(name, open_page, tmp_path, request):
         assert page.get("pbd.held") == -1
         cursor = (path[-1][0] + 80.0, path[-1][1] - 80.0)
         assert np.hypot(*np.subtract(page.place(particle), cursor)) > 20.0, "it is free"
-        assert [what for _, what, _ in session.take.events if what != "move"] == ["select", "deselect"]
-        assert sum(what == "move" for _, what, _ in session.take.events) >= 5
+        assert [what for _, what, _ in session.recording.events if what != "move"] == ["select", "deselect"]
+        assert sum(what == "move" for _, what, _ in session.recording.events) >= 5
         picture = page.page.locator("#stage").screenshot()
         assert len(picture) > 3000, "something is drawn"
 
@@ -260,15 +260,15 @@ def test_what_was_seen_is_recorded_and_comes_again(open_page, tmp_path):
         page.until(f"pbd.frame === {session.frame}")
         seen = {int(frame): np.array(x, np.uint32) for frame, x in page.get("window.seen").items()}
     session.save(tmp_path / "drags.json")
-    take = Take.load(tmp_path / "drags.json")
-    assert {what for _, what, _ in take.events} == {"select", "move", "deselect", "settings"}
-    scene = take.load_scene("rope")
-    scene.frames = take.frames
-    run(scene, tmp_path / "x.usda", take=take)
+    recording = Recording.load(tmp_path / "drags.json")
+    assert {what for _, what, _ in recording.events} == {"select", "move", "deselect", "settings"}
+    scene = recording.load_scene("rope")
+    scene.frames = recording.frames
+    run(scene, tmp_path / "x.usda", recording=recording)
     stage = Usd.Stage.Open(str(tmp_path / "x.usda"))
     points = UsdGeom.Points.Get(stage, "/World/Particles").GetPointsAttr()
     assert len(seen) > 30
-    assert max(seen) == take.frames - 1
+    assert max(seen) == recording.frames - 1
     for frame, bits in seen.items():
         np.testing.assert_array_equal(np.array(points.Get(frame)).ravel().view(np.uint32), bits, err_msg=str(frame))
 

@@ -54,7 +54,7 @@ class Client:
     async def listen(self):
         try:
             async for message in self.socket:
-                await self.take(message)
+                await self.recording(message)
         except ConnectionClosed:
             pass
         self.reason = self.socket.close_reason

@@ -10,11 +10,11 @@ from models import FOUR_SCENES
 from pxr import Usd, UsdGeom
 
 import pbd_warp as pbd
-from pbd_warp.camera import Camera
-from pbd_warp.hand import Hand
+from pbd_warp.grab.camera import Camera
+from pbd_warp.grab.grabber import Grabber
+from pbd_warp.grab.recording import Recording
 from pbd_warp.run import Checkpoints, Hooks, run
 from pbd_warp.settings import Settings
-from pbd_warp.take import Take
 from pbd_warp.view import messages as say
 from pbd_warp.view.pace import SLACK, Pace
 from pbd_warp.view.session import HEADER, Session
@@ -43,20 +43,20 @@ def change(session, **changes):
     session.do(1, say.Change(changes))
 
 
-def replayed(take, source, folder, stop=None):
-    """Positions of every frame that `run` writes from a take, maybe in two goes: float32 [frames, n, 3]."""
+def replayed(recording, source, folder, stop=None):
+    """Positions of every frame that `run` writes from a recording, maybe in two goes: float32 [frames, n, 3]."""
     path = folder / "drags.json"
-    take.save(path)
-    take = Take.load(path)
-    scene = take.load_scene(source)
+    recording.save(path)
+    recording = Recording.load(path)
+    scene = recording.load_scene(source)
     checkpoint = folder / "checkpoint.npz"
-    for frames in (stop, take.frames) if stop else (take.frames,):
+    for frames in (stop, recording.frames) if stop else (recording.frames,):
         scene.frames = frames
         hooks = Hooks(checkpoints=Checkpoints(checkpoint, every=9, resume=checkpoint.exists()) if stop else None)
-        run(scene, folder / "again.usdc", dtype=take.dtype, hooks=hooks, take=take)
+        run(scene, folder / "again.usdc", dtype=recording.dtype, hooks=hooks, recording=recording)
     stage = Usd.Stage.Open(str(folder / "again.usdc"))
     points = UsdGeom.Points.Get(stage, "/World/Particles").GetPointsAttr()
-    return np.array([points.Get(frame) for frame in range(take.frames)])
+    return np.array([points.Get(frame) for frame in range(recording.frames)])
 
 
 class Film:
@@ -97,14 +97,14 @@ def test_a_recording_replays_bit_for_bit(name, tmp_path):
     click(session, 0)
     click(session, 0)
     film.roll(5, lambda k: move(session, (300.0 + k, 300.0)))
-    assert session.hand.particle == 0
-    assert session.frame + 1 == len(film.frames) == session.take.frames
-    again = replayed(session.take, name, tmp_path)
+    assert session.grabber.particle == 0
+    assert session.frame + 1 == len(film.frames) == session.recording.frames
+    again = replayed(session.recording, name, tmp_path)
     assert again.dtype == np.float32
     np.testing.assert_array_equal(again, np.array(film.frames))
     assert np.abs(again[-1] - again[12]).max() > 0.05, "something has moved"
     # The checkpoint of frame 36 is in the middle of it, after two changes of settings.
-    np.testing.assert_array_equal(replayed(session.take, name, tmp_path, stop=40), again)
+    np.testing.assert_array_equal(replayed(session.recording, name, tmp_path, stop=40), again)
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_a_recording_of_what_remembers_the_step_before_replays_bit_for_bit(metho
     click(session, 5)
     at = place_of(session, 5)
     film.roll(8, lambda k: move(session, (at[0] - k, at[1] + k)))
-    np.testing.assert_array_equal(replayed(session.take, "chain", tmp_path), np.array(film.frames))
+    np.testing.assert_array_equal(replayed(session.recording, "chain", tmp_path), np.array(film.frames))
 
 
 def test_a_take_begins_anew_with_a_reset_and_with_another_scene(tmp_path):
@@ -130,17 +130,17 @@ def test_a_take_begins_anew_with_a_reset_and_with_another_scene(tmp_path):
     Film(session).roll(5, lambda k: move(session, (400.0, 300.0 + k)))
     change(session, gravity=(0.0, -2.0, 0.0))
     session.do(1, say.Reset())
-    assert (session.frame, session.take.events, session.hand.particle, session.holder) == (0, [], None, None)
+    assert (session.frame, session.recording.events, session.grabber.particle, session.holder) == (0, [], None, None)
     film = Film(session).roll(20)
-    assert session.take.seed == 3
-    np.testing.assert_array_equal(replayed(session.take, "collision", tmp_path), np.array(film.frames))
+    assert session.recording.seed == 3
+    np.testing.assert_array_equal(replayed(session.recording, "collision", tmp_path), np.array(film.frames))
     session.do(1, say.Load("worm"))
-    assert session.take.scene == "worm"
-    assert session.take.seed is None
+    assert session.recording.scene == "worm"
+    assert session.recording.seed is None
     film = Film(session).roll(3)
-    np.testing.assert_array_equal(replayed(session.take, "worm", tmp_path), np.array(film.frames))
+    np.testing.assert_array_equal(replayed(session.recording, "worm", tmp_path), np.array(film.frames))
     session.do(1, say.Load("collision"))
-    assert session.take.seed == 3
+    assert session.recording.seed == 3
     assert session.settings == Settings.of(pbd.load_scene("collision"))
 
 
@@ -153,26 +153,26 @@ def test_one_move_a_frame_is_recorded():
     move(session, (420.0, 300.0))
     session.advance()
     session.advance()
-    assert [(frame, what) for frame, what, _ in session.take.events] == [(0, "select"), (0, "move"), (1, "move")]
+    assert [(frame, what) for frame, what, _ in session.recording.events] == [(0, "select"), (0, "move"), (1, "move")]
 
 
 def test_only_one_page_drags_and_what_it_holds_is_free_when_it_goes():
     session = open_scene("worm")
     click(session, 3, who=1)
-    assert (session.holder, session.hand.particle) == (1, 3)
+    assert (session.holder, session.grabber.particle) == (1, 3)
     with pytest.raises(pbd.InputError, match="page 1 is dragging"):
         click(session, 5, who=2)
-    before = session.take.events.copy()
+    before = session.recording.events.copy()
     move(session, (500.0, 300.0), who=2)
     session.do(2, say.Release())
     session.leave(2)
-    assert (session.holder, session.hand.particle, session.take.events) == (1, 3, before)
+    assert (session.holder, session.grabber.particle, session.recording.events) == (1, 3, before)
     session.leave(1)
-    assert (session.holder, session.hand.particle) == (None, None)
+    assert (session.holder, session.grabber.particle) == (None, None)
     click(session, 5, who=2)
-    assert (session.holder, session.hand.particle) == (2, 5)
+    assert (session.holder, session.grabber.particle) == (2, 5)
     session.do(2, say.Release())
-    assert (session.holder, session.hand.particle) == (None, None)
+    assert (session.holder, session.grabber.particle) == (None, None)
 
 
 def test_the_packet_says_who_holds_whom():
@@ -211,7 +211,7 @@ def test_a_change_of_settings_goes_on_from_the_present_state():
     assert (session.sim.method.iterations, session.sim.substeps) == (3, 11)
     np.testing.assert_array_equal(session.sim.state.x.numpy(), before)
     np.testing.assert_array_equal(session.sim.state.v.numpy(), velocity)
-    assert (session.frame, session.sim.frame, session.hand.particle, session.holder) == (frame, frame, 20, 1)
+    assert (session.frame, session.sim.frame, session.grabber.particle, session.holder) == (frame, frame, 20, 1)
     session.advance()
     np.testing.assert_array_equal(session.positions()[20], before[20])
     move(session, (480.0, 310.0))
@@ -243,11 +243,11 @@ def test_a_change_of_settings_goes_on_from_the_present_state():
 def test_a_change_that_makes_no_sense_changes_nothing(scene, changes, message):
     session = open_scene(scene)
     session.advance()
-    sim, settings, events = session.sim, session.settings, session.take.events.copy()
+    sim, settings, events = session.sim, session.settings, session.recording.events.copy()
     with pytest.raises(pbd.InputError, match=message):
         change(session, **changes)
     assert session.sim is sim
-    assert (session.settings, session.take.events) == (settings, events)
+    assert (session.settings, session.recording.events) == (settings, events)
     assert session.advance()
 
 
@@ -267,7 +267,7 @@ def test_a_simulation_that_diverges_says_why_and_can_be_reset(tmp_path):
         session.advance()
     assert "particle 0 has left the finite numbers" in session.failure
     assert np.isfinite(session.positions()).all()
-    assert session.frame + 1 == session.take.frames < 600
+    assert session.frame + 1 == session.recording.frames < 600
     assert session.status()["failure"] == session.failure
     json.dumps(session.status(), allow_nan=False)
     session.do(1, say.Move(CAMERA, (1.0, 1.0)))
@@ -340,29 +340,29 @@ def take_of(scene="worm"):
     session.advance()
     change(session, substeps=3)
     session.advance()
-    return session.take
+    return session.recording
 
 
 def test_a_take_comes_back_as_it_was(tmp_path):
-    take = take_of()
-    take.save(tmp_path / "drags.json")
-    assert Take.load(tmp_path / "drags.json") == take
+    recording = take_of()
+    recording.save(tmp_path / "drags.json")
+    assert Recording.load(tmp_path / "drags.json") == recording
     assert [p.name for p in tmp_path.iterdir()] == ["drags.json"]
 
 
 def test_a_take_that_cannot_be_written_leaves_the_old_one(tmp_path, monkeypatch):
     path = tmp_path / "drags.json"
-    take = take_of()
-    take.save(path)
+    recording = take_of()
+    recording.save(path)
     old = path.read_text()
 
     def full(descriptor):
         raise OSError("No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    take.frames = 99
+    recording.frames = 99
     with pytest.raises(pbd.SimulationFailed, match=r"drags\.json could not be written"):
-        take.save(path)
+        recording.save(path)
     assert path.read_text() == old
     assert [p.name for p in tmp_path.iterdir()] == ["drags.json"]
 
@@ -398,7 +398,7 @@ def test_a_spoiled_take_is_refused(spoil, message, tmp_path):
     spoil(data)
     path.write_text(json.dumps(data))
     with pytest.raises(pbd.InputError, match=message):
-        Take.load(path)
+        Recording.load(path)
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", "[" * 100_000, "\x00"])
@@ -406,7 +406,7 @@ def test_what_is_no_take_is_refused(text, tmp_path):
     path = tmp_path / "drags.json"
     path.write_text(text)
     with pytest.raises(pbd.InputError, match="is no recording of drags"):
-        Take.load(path)
+        Recording.load(path)
 
 
 @pytest.mark.parametrize(
@@ -429,21 +429,21 @@ def test_settings_that_make_no_sense_are_refused_before_the_first_frame(changes,
     (tmp_path / "t.json").write_text(json.dumps(text))
     scene = pbd.load_scene("rope")
     with pytest.raises(pbd.InputError, match=re.escape(message)):
-        run(scene, tmp_path / "x.usda", take=Take.load(tmp_path / "t.json"))
+        run(scene, tmp_path / "x.usda", recording=Recording.load(tmp_path / "t.json"))
     assert [path.name for path in tmp_path.iterdir()] == ["t.json"]
 
 
 def test_a_take_of_another_scene_is_refused():
-    take = take_of()
+    recording = take_of()
     with pytest.raises(pbd.InputError, match="the drags are of scene worm, not of rope"):
-        take.load_scene("rope")
+        recording.load_scene("rope")
     scene = pbd.load_scene("worm")
-    other = dataclasses.replace(scene, builder=pbd.load_scene("rope").builder)
+    other = scene.changed(builder=pbd.load_scene("rope").builder)
     with pytest.raises(pbd.InputError, match="not what it was"):
-        take.replay(other, other.builder.finalize())
-    take.events.append((9, "select", 99))
+        recording.replay(other, other.builder.finalize())
+    recording.events.append((9, "select", 99))
     with pytest.raises(pbd.InputError, match="names particle 99"):
-        take.replay(scene, scene.builder.finalize())
+        recording.replay(scene, scene.builder.finalize())
 
 
 def test_a_take_knows_its_model_again_in_spite_of_rounding():
@@ -455,12 +455,12 @@ def test_a_take_knows_its_model_again_in_spite_of_rounding():
 
 
 def test_replays_go_through_the_hand(monkeypatch):
-    take = take_of()
+    recording = take_of()
     gestures = []
-    select = Hand.select
-    monkeypatch.setattr(Hand, "select", lambda self, p: (gestures.append(p), select(self, p)))
+    select = Grabber.select
+    monkeypatch.setattr(Grabber, "select", lambda self, p: (gestures.append(p), select(self, p)))
     scene = pbd.load_scene("worm")
-    replay = take.replay(scene, scene.builder.finalize())
+    replay = recording.replay(scene, scene.builder.finalize())
     replay.advance(replay.begin())
     assert gestures == [0]
 

@@ -37,9 +37,11 @@ def test_contents(wheel):
     assert all(name.startswith("pbd_warp/") for name in names)
     expected = {f"pbd_warp/{p.relative_to(ROOT / 'pbd_warp')}" for p in (ROOT / "pbd_warp").rglob("*.py")}
     expected |= {f"pbd_warp/{p.relative_to(ROOT)}" for k in ("kernels", "scenes") for p in (ROOT / k).glob("*.py")}
-    expected |= {f"pbd_warp/charts/{p.name}" for p in (ROOT / "docs" / "charts").glob("*.csv")}
+    expected |= {
+        f"pbd_warp/accuracy/charts/{p.name}" for p in (ROOT / "pbd_warp" / "accuracy" / "charts").glob("*.csv")
+    }
     expected |= {f"pbd_warp/view/page/{p.name}" for p in (ROOT / "pbd_warp" / "view" / "page").iterdir()}
-    assert set(names) == expected
+    assert set(names) == expected | {"pbd_warp/py.typed"}
 
 
 def test_an_empty_environment_gets_nothing_global_but_pbd_warp(wheel, tmp_path):

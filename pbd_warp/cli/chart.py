@@ -8,14 +8,14 @@ from typing import Annotated
 import typer
 
 from pbd_warp import check
-from pbd_warp.chart import best_error, flags, front, load, save
-from pbd_warp.chart import pick as pick_row
+from pbd_warp.accuracy.chart import best_error, flags, front, load, save
+from pbd_warp.accuracy.chart import pick as pick_row
+from pbd_warp.accuracy.plot import check_picture, draw
+from pbd_warp.accuracy.sweep import Sweep, sweep_scene
 from pbd_warp.cli.app import app
-from pbd_warp.cli.options import Debug, Device, Fps, Seed, Set, comma_list, scene_with, whole_list
+from pbd_warp.cli.options import Debug, Device, Seed, Set, comma_list, scene_with, whole_list
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
 from pbd_warp.errors import InputError
-from pbd_warp.picture import check_picture, draw
-from pbd_warp.sweep import Sweep, sweep_scene
 
 
 @app.command()
@@ -36,7 +36,7 @@ def chart(
     dtypes: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(Sweep.dtypes),
     repeat: Annotated[int, typer.Option(help="Timed repetitions.")] = Sweep.repeat,
     device: Device = None,
-    fps: Fps = None,
+    fps: Annotated[float | None, typer.Option(help="Frames a second.")] = None,
     seed: Seed = None,
     set_: Set = None,
     debug: Debug = False,
@@ -60,7 +60,7 @@ def chart(
                 comma_list(dtypes),
                 repeat,
             )
-            built = scene_with(scene, None, fps, None, None, None, None, None, seed, set_)
+            built = scene_with(scene, {"fps": fps} if fps is not None else {}, seed, set_)
             numbers = csv if csv is not None else picture.with_suffix(".csv")
             check.folder(numbers.parent)
             with progress_bar(f"chart {built.name}") as advance, interruptible() as stop_if_asked:

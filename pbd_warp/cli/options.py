@@ -1,98 +1,113 @@
-"""Options that several commands share, one vocabulary everywhere."""
+"""Options that several commands share, one vocabulary everywhere; those of `Settings` are derived from it."""
 
 from __future__ import annotations
 
+import functools
+import inspect
+import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
 from pbd_warp import check
-from pbd_warp.errors import InputError, unknown
-from pbd_warp.integrators import INTEGRATORS
-from pbd_warp.methods import METHODS
-from pbd_warp.recovery import ON_FAILURE
+from pbd_warp.errors import InputError
 from pbd_warp.scene import Scene, load_scene
+from pbd_warp.settings import Settings
+from pbd_warp.step.methods import METHODS
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A scene's name, or your own file.py.")]
 Frames = Annotated[int | None, typer.Option(help="Frames to write, the initial state included.")]
-Fps = Annotated[float | None, typer.Option(help="Frames a second.")]
 Device = Annotated[str | None, typer.Option(help="Warp device; Warp's preferred one unless given.")]
 Dtype = Annotated[str | None, typer.Option(help="float32 (unless given) or float64.")]
-Method = Annotated[str | None, typer.Option(help=f"How constraints are projected: {', '.join(METHODS)}.")]
-Iterations = Annotated[int | None, typer.Option(help="Solver iterations a substep.")]
-Substeps = Annotated[int | None, typer.Option(help="Steps of the loop a frame.")]
-Tolerance = Annotated[float | None, typer.Option(help="Stop iterating when the largest |C| is below [m].")]
-Integrator = Annotated[
-    str | None, typer.Option(help=f"How velocity becomes position and back: {', '.join(INTEGRATORS)}.")
-]
-OnFailure = Annotated[str | None, typer.Option(help=f"What becomes of a frame that fails: {', '.join(ON_FAILURE)}.")]
 Checkpoint = Annotated[Path | None, typer.Option(help="Leave in this file what is needed to go on.")]
 Every = Annotated[int, typer.Option(help="Frames from checkpoint to checkpoint.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")]
-Set = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A setting of the scene.")]
+Set = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene.")]
 Seed = Annotated[int | None, typer.Option(help="For scenes with something random in them.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback with an error.")]
 
 
-def scene_with(
-    name: str,
-    frames: int | None,
-    fps: float | None,
-    method: str | None,
-    iterations: int | None,
-    substeps: int | None,
-    integrator: str | None,
-    tolerance: float | None,
-    seed: int | None,
-    settings: list[str] | None,
-) -> Scene:
-    """The scene with what the command line says instead of its own settings."""
-    for text in settings or []:
+def _help(name: str) -> str:
+    """The first sentence on a field in the docstring of `Settings`."""
+    assert Settings.__doc__ is not None
+    found = re.search(rf"^    {name}: (.*?[.:])(?=\s|$)", Settings.__doc__, re.MULTILINE | re.DOTALL)
+    assert found is not None, f"Settings does not say what {name} is"
+    return " ".join(found[1].rstrip(":").split())
+
+
+OF_ONE_WORD = (int, float, str, int | None, float | None)
+OF_PYTHON = ("dt", "stiffness")
+"""Settings that the command line says otherwise: --fps, and scenes by their own stiffness."""
+
+SETTINGS = {
+    "fps": Annotated[float | None, typer.Option(help="Frames a second.")],
+    "method": Annotated[str | None, typer.Option(help=f"How constraints are projected: {', '.join(METHODS)}.")],
+    "iterations": Annotated[int | None, typer.Option(help="Of the method: iterations a substep.")],
+    "tolerance": Annotated[float | None, typer.Option(help="Of the method: stop when the largest |C| is below [m].")],
+} | {
+    name: Annotated[hint | None, typer.Option(help=_help(name))]
+    for name, hint in get_type_hints(Settings).items()
+    if hint in OF_ONE_WORD and name not in OF_PYTHON
+}
+"""By name of the option: what may be said of the settings of a scene."""
+
+
+def takes_settings(command: Callable[..., None]) -> Callable[..., None]:
+    """Decorator: a command with the options of SETTINGS, which it gets as one mapping, `changes`, of those given."""
+    signature = inspect.signature(command, eval_str=True)
+    own = [p for p in signature.parameters.values() if p.name != "changes"]
+    options = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=annotation)
+        for name, annotation in SETTINGS.items()
+        if name not in signature.parameters
+    ]
+
+    @functools.wraps(command)
+    def with_changes(**given: Any) -> None:
+        changes = {option.name: given.pop(option.name) for option in options}
+        command(**given, changes={name: value for name, value in changes.items() if value is not None})
+
+    keywords = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in own]
+    with_changes.__signature__ = inspect.Signature([*keywords, *options])  # type: ignore[attr-defined]
+    with_changes.__annotations__ = {p.name: p.annotation for p in (*keywords, *options)}
+    return with_changes
+
+
+def changed(settings: Settings, changes: Mapping[str, Any]) -> Settings:
+    """Settings with what the command line says instead."""
+    method = {name: changes[name] for name in ("iterations", "tolerance") if name in changes}
+    others = {name: changes[name] for name in changes if name not in ("fps", "method", "iterations", "tolerance")}
+    if "fps" in changes:
+        others["dt"] = 1.0 / check.number("fps", changes["fps"], above=0.0)
+    return settings.with_method(changes.get("method"), **method).changed(**others)
+
+
+def parameters_of(set_: Sequence[str] | None) -> dict[str, str]:
+    """What --set says, by name."""
+    for text in set_ or []:
         if "=" not in text:
             raise InputError(f"--set {text}: write NAME=VALUE")
-    scene = load_scene(name, seed, dict(text.split("=", 1) for text in settings or []))
-    return override(scene, frames, fps, method, iterations, substeps, integrator, tolerance)
+    return dict(text.split("=", 1) for text in set_ or [])
 
 
-def override(
-    scene: Scene,
-    frames: int | None,
-    fps: float | None,
-    method: str | None,
-    iterations: int | None,
-    substeps: int | None,
-    integrator: str | None,
-    tolerance: float | None,
+def scene_with(
+    name: str, changes: Mapping[str, Any], seed: int | None, set_: Sequence[str] | None, frames: int | None = None
 ) -> Scene:
-    """A scene with what the command line says instead of its own settings."""
+    """The scene with what the command line says instead of its own settings."""
+    scene = load_scene(name, seed, parameters_of(set_))
     if frames is not None:
-        scene.frames = check.whole("frames", frames, low=1)
-    if fps is not None:
-        scene.fps = check.number("fps", fps, above=0.0)
-    if substeps is not None:
-        scene.substeps = substeps
-    if integrator is not None:
-        scene.integrator = integrator
-    options: dict[str, Any] = {} if iterations is None else {"iterations": iterations}
-    if tolerance is not None:
-        options["tolerance"] = tolerance
-    if method is not None:
-        if method not in METHODS:
-            raise unknown("method", method, METHODS)
-        if METHODS[method] is not type(scene.method):
-            scene.method = METHODS[method](**options)
-    if options:
-        scene.method = type(scene.method)(**{**vars(scene.method), **options})
-    return scene
+        scene = scene.changed(frames=check.whole("frames", frames, low=1))
+    return scene.changed(settings=changed(scene.settings, changes))
 
 
 def comma_list(text: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in text.split(",") if part.strip())
+    return tuple(item.strip() for item in text.split(",") if item.strip())
 
 
 def whole_list(name: str, text: str) -> tuple[int, ...]:
     try:
-        return tuple(int(part) for part in comma_list(text))
+        return tuple(int(item) for item in comma_list(text))
     except ValueError:
         raise InputError(f"--{name} must be whole numbers separated by commas, not {text!r}") from None

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from pbd_warp import check
-from pbd_warp.chart import Row, best_error, flags, load
-from pbd_warp.chart import pick as pick_row
+from pbd_warp.accuracy.chart import CONFIGURATION, Row, best_error, flags, load
+from pbd_warp.accuracy.chart import pick as pick_row
+from pbd_warp.accuracy.sweep import charts_folder
 from pbd_warp.cli.app import app
 from pbd_warp.cli.options import (
     Checkpoint,
@@ -18,48 +19,35 @@ from pbd_warp.cli.options import (
     Device,
     Dtype,
     Every,
-    Fps,
     Frames,
-    Integrator,
-    Iterations,
-    Method,
-    OnFailure,
     Resume,
     SceneName,
     Seed,
     Set,
-    Substeps,
-    Tolerance,
     scene_with,
-)  # fmt: skip
+    takes_settings,
+)
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
 from pbd_warp.errors import InputError
-from pbd_warp.methods import METHODS
+from pbd_warp.grab.recording import Recording
 from pbd_warp.run import Checkpoints, Hooks, RunStats, run
 from pbd_warp.scene import Scene
-from pbd_warp.sweep import charts_folder
-from pbd_warp.take import Take
-from pbd_warp.usd import check_path
+from pbd_warp.usd.writer import check_path
 
 
 @app.command("run")
+@takes_settings
 def run_scene(
     scene: SceneName,
     out: Annotated[Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc or .usd.")] = None,
     frames: Frames = None,
-    fps: Fps = None,
     device: Device = None,
     dtype: Dtype = None,
-    method: Method = None,
-    iterations: Iterations = None,
-    substeps: Substeps = None,
-    integrator: Integrator = None,
-    tolerance: Tolerance = None,
-    on_failure: OnFailure = None,
     seed: Seed = None,
     set_: Set = None,
     accuracy: Annotated[
-        float | None, typer.Option(help="Take the fastest settings that the scene's chart has within this error [m].")
+        float | None,
+        typer.Option(help="Take the fastest settings that the scene's chart has within this error [m]."),
     ] = None,
     checkpoint: Checkpoint = None,
     every: Every = Checkpoints.every,
@@ -69,53 +57,39 @@ def run_scene(
     ] = None,
     stats: Annotated[Path | None, typer.Option(help="Write the closing figures to this JSON file.")] = None,
     debug: Debug = False,
+    *,
+    changes: dict[str, Any],
 ) -> None:
     """Simulate a scene and write it as a USD animation."""
     with one_sentence(debug):
-        built = scene_with(scene, frames, fps, method, iterations, substeps, integrator, tolerance, seed, set_)
+        built = scene_with(scene, changes, seed, set_, frames)
         if accuracy is not None:
-            if any(given is not None for given in (method, iterations, substeps, integrator)) or dtype is not None:
-                raise InputError(
-                    "--accuracy chooses method, iterations, substeps, integrator and dtype: leave those out"
-                )
+            if changes.keys() & set(CONFIGURATION) or dtype is not None:
+                raise InputError(f"--accuracy chooses {', '.join(CONFIGURATION)}: leave those out")
             row = _pick_for(built, accuracy)
             dtype = row.dtype
+            built = built.changed(settings=row.apply(built.settings))
             typer.echo(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
-        take = None
+        recording = None
         if drags is not None:
-            brought = (
-                fps,
-                dtype,
-                method,
-                iterations,
-                substeps,
-                integrator,
-                tolerance,
-                seed,
-                set_ or None,
-                accuracy,
-                on_failure,
-            )
-            if any(given is not None for given in brought):
+            if changes or any(given is not None for given in (dtype, seed, set_ or None, accuracy)):
                 raise InputError("--drags brings the settings it was recorded with: leave others out")
-            take = Take.load(drags)
-            built, dtype = take.load_scene(scene), take.dtype
-            built.frames = take.frames if frames is None else check.whole("frames", frames, low=1)
+            recording = Recording.load(drags, scene)
+            length = recording.frames if frames is None else check.whole("frames", frames, low=1)
+            built, dtype = recording.load_scene(scene).changed(frames=length), recording.dtype
         path = check_path(out if out is not None else Path(f"{built.name}.usda"))
         if stats is not None:
             check.folder(stats.parent)
-        if on_failure is not None:
-            built.on_failure = on_failure
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
-            result = run(built, path, device, dtype or "float32", hooks, take)
+            result = run(built, path, device, dtype or "float32", hooks, recording)
         if stats is not None:
             result.save(stats)
         typer.echo(table(result))
 
 
 def _pick_for(scene: Scene, accuracy: float) -> Row:
-    """The fastest settings within an error on the chart that comes with the project, set on the scene."""
+    """The fastest settings within an error on the chart that comes with the project."""
     path = charts_folder() / f"{scene.name}.csv"
     if not path.is_file():
         raise InputError(f"there is no chart of scene {scene.name}: make one with pbd-warp chart, and use its --pick")
@@ -126,8 +100,6 @@ def _pick_for(scene: Scene, accuracy: float) -> Row:
         raise InputError(
             f"no settings on the chart of scene {scene.name} are within {accuracy:g} m; best: {best:.2g} m"
         )
-    scene.method = METHODS[row.method](iterations=row.iterations)
-    scene.integrator, scene.substeps = row.integrator, row.substeps
     return row
 
 
@@ -137,7 +109,7 @@ def hooks_of(checkpoint: Path | None, every: int, resume: bool, on_frame: Callab
         raise InputError("--resume goes on from a checkpoint: name it with --checkpoint FILE")
     return Hooks(
         on_frame=on_frame,
-        on_caution=lambda caution: typer.echo(f"pbd-warp: known to fail: {caution}", err=True),
+        on_warning=lambda warning: typer.echo(f"pbd-warp: known to fail: {warning}", err=True),
         checkpoints=Checkpoints(checkpoint, every, resume) if checkpoint is not None else None,
     )
 

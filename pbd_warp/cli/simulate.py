@@ -3,36 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from pbd_warp import check
 from pbd_warp.cli.app import app
-from pbd_warp.cli.options import (
-    Checkpoint,
-    Debug,
-    Device,
-    Dtype,
-    Every,
-    Integrator,
-    Iterations,
-    Method,
-    OnFailure,
-    Resume,
-    Substeps,
-    Tolerance,
-    override,
-)
+from pbd_warp.cli.options import Checkpoint, Debug, Device, Dtype, Every, Resume, changed, takes_settings
 from pbd_warp.cli.run import hooks_of, table
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.curves import Material, load_stage, simulate
+from pbd_warp.curves.scene import GRAVITY
 from pbd_warp.run import Checkpoints
-from pbd_warp.stage import Material, load_stage, simulate
-from pbd_warp.stage.scene import GRAVITY
-from pbd_warp.usd import check_path
+from pbd_warp.usd.writer import check_path
 
 
 @app.command("simulate")
+@takes_settings
 def simulate_stage(
     stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A .usda, .usdc, .usd or .usdz file.")],
     out: Annotated[Path, typer.Option(help="The layer to write over it; .usda, .usdc or .usd.")],
@@ -49,7 +36,6 @@ def simulate_stage(
     density: Annotated[float | None, typer.Option(help="kg/m^3, widths being diameters. [1000]")] = None,
     mass: Annotated[float | None, typer.Option(help="kg a curve, instead of a density.")] = None,
     compliance: Annotated[float | None, typer.Option(help="Of each link [m/N]. [0]")] = None,
-    damping: Annotated[float, typer.Option(help="Part of what is not rigid motion taken away a frame, 0..1.")] = 0.0,
     gravity: Annotated[float, typer.Option(help="Against the stage's up axis [m/s^2].")] = GRAVITY,
     flatten: Annotated[bool, typer.Option("--flatten", help="Write one self-contained file.")] = False,
     frames: Annotated[int | None, typer.Option(help="Frames to write; the stage's range unless given.")] = None,
@@ -58,17 +44,13 @@ def simulate_stage(
     ] = None,
     device: Device = None,
     dtype: Dtype = None,
-    method: Method = None,
-    iterations: Iterations = None,
-    substeps: Substeps = None,
-    integrator: Integrator = None,
-    tolerance: Tolerance = None,
-    on_failure: OnFailure = None,
     checkpoint: Checkpoint = None,
     every: Every = Checkpoints.every,
     resume: Resume = False,
     stats: Annotated[Path | None, typer.Option(help="Write the closing figures to this JSON file.")] = None,
     debug: Debug = False,
+    *,
+    changes: dict[str, Any],
 ) -> None:
     """Simulate the curves of a USD stage and write the animation as a layer over it."""
     with one_sentence(debug):
@@ -86,10 +68,7 @@ def simulate_stage(
             device,
             dtype or "float32",
         )
-        source.scene.damping = damping
-        if on_failure is not None:
-            source.scene.on_failure = on_failure
-        override(source.scene, None, None, method, iterations, substeps, integrator, tolerance)
+        source = source.changed(settings=changed(source.scene.settings, changes))
         total = source.timeline.frames
         with progress_bar(source.scene.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, total), stop_if_asked()))

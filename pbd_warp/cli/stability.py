@@ -8,11 +8,11 @@ from typing import Annotated
 import typer
 
 from pbd_warp import check
+from pbd_warp.accuracy.plot import check_picture
 from pbd_warp.cli.app import app
 from pbd_warp.cli.options import Debug
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
 from pbd_warp.errors import Interrupted
-from pbd_warp.picture import check_picture
 from pbd_warp.scene import references
 from pbd_warp.stability.atlas import measure_map, save
 from pbd_warp.stability.draw import draw

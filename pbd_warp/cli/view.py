@@ -8,33 +8,20 @@ import signal
 import threading
 import webbrowser
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from pbd_warp import check
 from pbd_warp.cli.app import app
-from pbd_warp.cli.options import (
-    Debug,
-    Device,
-    Dtype,
-    Fps,
-    Integrator,
-    Iterations,
-    Method,
-    SceneName,
-    Seed,
-    Set,
-    Substeps,
-    Tolerance,
-    scene_with,
-)  # fmt: skip
+from pbd_warp.cli.options import Debug, Device, Dtype, SceneName, Seed, Set, parameters_of, scene_with, takes_settings
 from pbd_warp.cli.terminal import one_sentence
 from pbd_warp.errors import InputError
 from pbd_warp.view.session import Session
 
 
 @app.command()
+@takes_settings
 def view(
     scene: SceneName,
     host: Annotated[str, typer.Option(help="Address to listen on; others than this let other machines in.")] = (
@@ -45,17 +32,13 @@ def view(
     record: Annotated[
         Path | None, typer.Option(help="Write what was done to this JSON file, for `run --drags`.")
     ] = None,
-    fps: Fps = None,
     device: Device = None,
     dtype: Dtype = None,
-    method: Method = None,
-    iterations: Iterations = None,
-    substeps: Substeps = None,
-    integrator: Integrator = None,
-    tolerance: Tolerance = None,
     seed: Seed = None,
     set_: Set = None,
     debug: Debug = False,
+    *,
+    changes: dict[str, Any],
 ) -> None:
     """Run a scene live in the browser, where the mouse leads its particles."""
     with one_sentence(debug):
@@ -65,9 +48,8 @@ def view(
             check.folder(record.parent)
             if record.is_dir():
                 raise InputError(f"{record} is a folder; name a file in it")
-        built = scene_with(scene, None, fps, method, iterations, substeps, integrator, tolerance, seed, set_)
-        settings = dict(text.split("=", 1) for text in set_ or [])
-        session = Session(built, scene, device, dtype or "float32", seed, settings)
+        built = scene_with(scene, changes, seed, set_)
+        session = Session(built, scene, device, dtype or "float32", seed, parameters_of(set_))
         asyncio.run(_serve(session, host, port, no_open, record))
 
 
@@ -98,4 +80,4 @@ async def _serve(session: Session, host: str, port: int, no_open: bool, record: 
         await server.stop()
         if record is not None:
             session.save(record)
-            typer.echo(f"{session.take.frames} frames of scene {session.scene.name} are recorded in {record}")
+            typer.echo(f"{session.recording.frames} frames of scene {session.scene.name} are recorded in {record}")

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from pbd_warp.builder import find_device
+from pbd_warp.accuracy.sweep import provenance
 from pbd_warp.errors import InputError, unknown
+from pbd_warp.model.builder import find_device
 from pbd_warp.stability.classify import NUMBERS, OUTCOMES, Figures, classify
 from pbd_warp.stability.map import Map
-from pbd_warp.sweep import provenance
 from pbd_warp.table import TableRow, load_table, save_table
 
 REFUSED = "refused"

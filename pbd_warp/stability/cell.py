@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from pbd_warp.drag import Drag
 from pbd_warp.errors import SimulationFailed
+from pbd_warp.grab.controller import play
+from pbd_warp.grab.drag import Drag
 from pbd_warp.measure import measure
-from pbd_warp.model import Model
-from pbd_warp.run import make_simulation
+from pbd_warp.model.model import Model
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.stability.classify import Figures
-from pbd_warp.watch import Limits
+from pbd_warp.step.divergence import Limits
 
 EARTH = 9.81
 """Weighs what has no gravity, so that energies can be compared [m/s^2]."""
 
 VIOLATED = 1e-5
-"""A scene starts with an error if one is larger than this part of its size; float32 rounds by less."""
+"""A scene starts with an error if one is larger than this fraction of its size; float32 rounds by less."""
 
 
 def run_scene(
@@ -45,15 +44,12 @@ def run_scene(
     """
     model = scene.builder.finalize(dtype=dtype)
     # As far as it goes: nothing is rescued, and a cell is judged by its own thresholds.
-    sim = make_simulation(replace(scene, on_failure="continue", limits=Limits(stretch=None)), model)
-    drag = Drag(scene.drag)
+    sim = Simulation(model, scene.settings, on_failure="continue", limits=Limits(stretch=None))
     measures = [measure(sim)]
     missed = stopped = False
     with np.errstate(all="ignore"):  # what flies apart overflows
         try:
-            for _ in range(scene.frames):
-                drag.advance(sim)
-                sim.step()
+            for _ in play(sim, Drag(scene.drag), scene.frames):
                 measures.append(measure(sim))
                 missed = missed or (in_line and _have_passed(model, sim))
         except SimulationFailed:
@@ -90,7 +86,7 @@ def size_of(model: Model) -> float:
 
 def _to_spend(model: Model) -> float:
     """Kinetic energy at the start, and all weight falling by the scene's size [J]."""
-    mass = np.divide(1.0, model.w, out=np.zeros_like(model.w), where=model.w > 0.0)
+    mass = model.mass
     gravity = float(np.linalg.norm(model.gravity)) or EARTH
     return float(0.5 * mass @ np.sum(model.v**2, axis=1) + mass.sum() * gravity * size_of(model))
 

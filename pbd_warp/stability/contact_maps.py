@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
-from pbd_warp.methods import Direct, GaussSeidel, Jacobi
 from pbd_warp.simulation import Simulation
 from pbd_warp.stability import theory
 from pbd_warp.stability.cell import run_scene, study
-from pbd_warp.stability.classify import STRETCHED, Figures
+from pbd_warp.stability.classify import Figures
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
+from pbd_warp.step.divergence import STRETCHED
+from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
 
 DIAMETER = 0.1
 """r1 + r2 of a bullet and a post [m]."""
@@ -22,7 +22,7 @@ MISSED = frozenset({"missed"})
 
 def _bullets(dtype: str) -> Callable[[float, float], Figures]:
     def cell(x: float, y: float) -> Figures:
-        return run_scene(replace(study("bullet", speed=x), frames=4, substeps=int(y)), dtype, in_line=True)
+        return run_scene(study("bullet", speed=x).changed(frames=4, substeps=int(y)), dtype, in_line=True)
 
     return cell
 
@@ -72,14 +72,13 @@ SPEED = Map(
     "test for overlap at the ends of the steps lets some through as soon as a step is longer than both "
     "diameters. The swept test stops all, up to where float32 has no digits left for it: some 4000 "
     "diameters a step.",
-    cure="use more substeps, or float64",
 )
 
 
 def _heap(discs: int, method: type) -> Callable[[float, float], Figures]:
     def cell(x: float, y: float) -> Figures:
         scene = study("deep_overlap", depth=x, discs=discs)
-        return run_scene(replace(scene, frames=12, substeps=int(y), method=method(8)))
+        return run_scene(scene.changed(frames=12, substeps=int(y), method=method(8)))
 
     return cell
 
@@ -101,7 +100,6 @@ OVERLAP = Map(
     text="Discs pressed into each other are let go. The projection parts them in one step, which is a velocity "
     "of depth over step. Line 16 stops a pair entirely; of three discs with each other it leaves a "
     "quarter, of a heap more.",
-    cure="start without overlap, or limit the depenetration speed",
 )
 
 
@@ -112,7 +110,7 @@ LINKS = 10
 def _held(method: type) -> Callable[[float, float], Figures]:
     def cell(x: float, y: float) -> Figures:
         scene = study("stretched", factor=x, links=LINKS)
-        return run_scene(replace(scene, frames=60, substeps=2, damping=0.0, method=method(int(y))), energy=False)
+        return run_scene(scene.changed(frames=60, substeps=2, damping=0.0, method=method(int(y))), energy=False)
 
     return cell
 
@@ -140,7 +138,6 @@ UNREACHABLE = Map(
     text="A rope of 10 links is pulled by a hand, and held. No positions satisfy the lengths: Jacobi spreads "
     "what is too much over all links alike, Gauss-Seidel leaves more of it to some, and Direct, which "
     "looks for an exact solution, lets the rope jump about.",
-    cure="use Jacobi, or a compliance",
 )
 
 
@@ -151,7 +148,7 @@ def _cradle(method: type, gap: float) -> Callable[[float, float], Figures]:
             v = sim.state.v.numpy()[:, 0].astype(np.float64)
             return float(np.abs(v - np.eye(len(v))[-1]).max())
 
-        scene = replace(study("cradle", balls=int(x), gap=gap), method=method(int(y)), frames=45)
+        scene = study("cradle", balls=int(x), gap=gap).changed(method=method(int(y)), frames=45)
         return run_scene(scene, in_line=True, error=wrong)
 
     return cell
@@ -175,14 +172,13 @@ CRADLE = Map(
     "last ball alone flies off, comes where one collision is over before the next begins; balls that "
     "touch share one pass of line 16, and several fly off. The two methods treat contacts alike, and "
     "Direct has no distances here to solve.",
-    cure="leave gaps wider than a step's way",
 )
 
 
 def _coincident(method: type, joined: int) -> Callable[[float, float], Figures]:
     def cell(x: float, y: float) -> Figures:
         scene = study("coincident", count=int(x), joined=joined)
-        return run_scene(replace(scene, frames=30, method=method(int(y))), energy=False)
+        return run_scene(scene.changed(frames=30, method=method(int(y))), energy=False)
 
     return cell
 
@@ -201,5 +197,4 @@ COINCIDENT = Map(
     },
     text="Pairs of no distance have no direction to part along; the x axis stands in for it. Nothing becomes "
     "not a number, and all unfold within half a second, given a few iterations.",
-    cure="start particles apart, or use more iterations",
 )

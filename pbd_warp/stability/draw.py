@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pbd_warp.picture import check_picture
+from pbd_warp.accuracy.plot import check_picture
 from pbd_warp.stability.atlas import Cell, Measured
 from pbd_warp.stability.classify import OUTCOMES
 from pbd_warp.stability.map import Axis, Boundary, Map

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd_warp.preflight import REMEDIES
 from pbd_warp.stability.classify import OUTCOMES, Figures
 
 FAILURES = frozenset(OUTCOMES) - {"converged"}
@@ -65,8 +66,7 @@ class Panel:
 class Map:
     """Two parameters of a scene swept against each other, in a panel for each of some settings.
 
-    scene: The scene's name. panels: by what is written above them. text: What the map shows. cure: What helps there,
-    one clause.
+    scene: The scene's name. panels: by what is written above them. text: What the map shows.
     """
 
     name: str
@@ -76,7 +76,11 @@ class Map:
     y: Axis
     panels: Mapping[str, Panel]
     text: str
-    cure: str
+
+    @property
+    def remedy(self) -> str:
+        """What helps there, one clause."""
+        return REMEDIES[self.name]
 
     @property
     def size(self) -> int:

@@ -29,7 +29,8 @@ def page(atlas: Sequence[Measured]) -> str:
         "| map | parameters | what helps |",
         "|---|---|---|",
         *(
-            f"| [{m.map.name}](#{m.map.name}) | {m.map.x.name} \N{MULTIPLICATION SIGN} {m.map.y.name} | {m.map.cure} |"
+            f"| [{m.map.name}](#{m.map.name}) | {m.map.x.name} \N{MULTIPLICATION SIGN} {m.map.y.name} "
+            f"| {m.map.remedy} |"
             for m in atlas
         ),
     ]
@@ -40,7 +41,7 @@ def page(atlas: Sequence[Measured]) -> str:
 
 def _section(measured: Measured) -> list[str]:
     made = measured.map
-    lines = [f"## {made.name}", "", made.text, "", f"What helps: {made.cure}.", ""]
+    lines = [f"## {made.name}", "", made.text, "", f"What helps: {made.remedy}.", ""]
     lines += [f"![{made.title}]({made.name}.svg)", "", _counts(measured)]
     return lines
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
-from pbd_warp.builder import ModelBuilder
-from pbd_warp.methods import Direct, GaussSeidel, Jacobi
-from pbd_warp.methods.jacobi import spectral_radius
+from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.scene import Scene, references
 from pbd_warp.stability import theory
 from pbd_warp.stability.cell import run_scene, study
 from pbd_warp.stability.classify import Figures
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
+from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
+from pbd_warp.step.methods.jacobi import spectral_radius
 
 SWEEPS = 20
 """A step, where the map does not vary it; even, see theory.sweeps_limit."""
@@ -43,7 +42,7 @@ def _relaxed(scene: Callable[[int], Scene], averaging: str) -> Callable[[float, 
 
     def cell(x: float, y: float) -> Figures:
         method = Jacobi(SWEEPS, relaxation=y, averaging=averaging)
-        return run_scene(replace(scene(int(x)), frames=FRAMES, method=method))
+        return run_scene(scene(int(x)).changed(frames=FRAMES, method=method))
 
     return cell
 
@@ -65,7 +64,6 @@ RELAXED = Map(
     text="A free straight chain without gravity, its links 1 % too long and too short in turn. Summed, the "
     "corrections of the two links at a particle overshoot as soon as the relaxation passes 1; averaged or "
     "with split masses the limit is 2, and beyond that mass splitting refuses.",
-    cure="keep averaging='mass-splitting' and the relaxation at 1",
 )
 
 
@@ -94,7 +92,6 @@ STAR = Map(
     text="Equal masses, the hub 3 % off the middle. With the plain sum the spokes move the hub further than it "
     "is off: at relaxation 1 from 7 spokes on in the plane, 10 in space, 4 on a line. With split masses "
     "every star converges.",
-    cure="use averaging='mass-splitting', GaussSeidel, or a smaller relaxation",
 )
 
 
@@ -117,7 +114,6 @@ OVERCONSTRAINED = Map(
     text="A bar or a triangle, 3 % too large, each side given several times. With the plain sum every copy "
     "takes the whole error away: a bar given twice never converges at relaxation 1, given three times it "
     "flies apart.",
-    cure="use averaging='mass-splitting', or give each distance once",
 )
 
 
@@ -125,7 +121,7 @@ def _odd_and_even(averaging: str, links: int) -> Callable[[float, float], Figure
     def cell(x: float, y: float) -> Figures:
         scene = alternating_chain(links)
         frames = max(FRAMES, round(FRAMES * SWEEPS / x))
-        return run_scene(replace(scene, frames=frames, method=Jacobi(int(x), relaxation=y, averaging=averaging)))
+        return run_scene(scene.changed(frames=frames, method=Jacobi(int(x), relaxation=y, averaging=averaging)))
 
     return cell
 
@@ -146,24 +142,23 @@ SWEEP_NUMBER = Map(
     "the velocity in the next, twice less what was before: where an odd number of over-relaxed sweeps "
     "turns more than a third of the error around, the run is unstable although every sweep by itself "
     "converges. One iteration takes a relaxation of 4/3 at most.",
-    cure="use an even number of iterations, or a relaxation of 1",
 )
 
 
-def _hanging(method: str, substeps: bool) -> Boundary:
+def _hanging(method: str, steps: bool) -> Boundary:
     @cache
     def needed(links: float) -> float:
-        return theory.sweeps_for(theory.equal_masses(links), 1.0 / 60.0, method, substeps=substeps)
+        return theory.sweeps_for(theory.equal_masses(links), 1.0 / 60.0, method, steps=steps)
 
     return Boundary(needed, "sag of 10 %, from the sweep's matrix", fails="below")
 
 
-def _budget(scene: Callable[[float], Scene], method: type, substeps: bool) -> Callable[[float, float], Figures]:
+def _budget(scene: Callable[[float], Scene], method: type, steps: bool) -> Callable[[float, float], Figures]:
     """A cell: a scene made from x, y sweeps a frame, either in one step or in so many."""
 
     def cell(x: float, y: float) -> Figures:
-        made = method(1 if substeps else int(y))
-        return run_scene(replace(scene(x), method=made, integrator="pbd", substeps=int(y) if substeps else 1))
+        made = method(1 if steps else int(y))
+        return run_scene(scene(x).changed(method=made, integrator="pbd", substeps=int(y) if steps else 1))
 
     return cell
 
@@ -173,13 +168,13 @@ def _rope(links: float) -> Scene:
 
 
 def _bob(ratio: float) -> Scene:
-    return replace(study("heavy_bob", ratio=ratio, links=20), frames=60)
+    return study("heavy_bob", ratio=ratio, links=20).changed(frames=60)
 
 
-def _swinging(method: str, substeps: bool) -> Boundary:
+def _swinging(method: str, steps: bool) -> Boundary:
     @cache
     def needed(ratio: float) -> float:
-        return theory.sweeps_for(theory.heavy_bob(ratio, 20), 1.0 / 60.0, method, 3.0, substeps)
+        return theory.sweeps_for(theory.heavy_bob(ratio, 20), 1.0 / 60.0, method, 3.0, steps)
 
     return Boundary(needed, "sag of 10 % at 3 times the weight", fails="below")
 
@@ -202,7 +197,6 @@ CHAIN_LENGTH = Map(
     text="A rope of 1 m hangs straight down for a second. A sweep carries the weight one link on: the stretch "
     "grows with the square of the number of links, falls with the iterations and with the square of the "
     "substeps.",
-    cure="use Direct, or more substeps",
 )
 
 MASS_RATIO = Map(
@@ -222,7 +216,6 @@ MASS_RATIO = Map(
     },
     text="20 links with a heavy end swing down from the horizontal, for a second. The heavier the bob, the "
     "more sweeps it takes to stop its fall through the light links.",
-    cure="use Direct, or more substeps",
 )
 
 
@@ -234,12 +227,12 @@ def _sagging() -> Scene:
 
 
 def _whip() -> Scene:
-    return replace(study("whip", links=32), frames=40, integrator="pbd")
+    return study("whip", links=32).changed(frames=40, integrator="pbd")
 
 
 def _accelerated(scene: Callable[[], Scene]) -> Panel:
     def cell(x: float, y: float) -> Figures:
-        return run_scene(replace(scene(), method=Jacobi(int(y), chebyshev=1.0 - x)))
+        return run_scene(scene().changed(method=Jacobi(int(y), chebyshev=1.0 - x)))
 
     @cache
     def gap(y: float) -> float:
@@ -259,5 +252,4 @@ CHEBYSHEV = Map(
     panels={"a catenary at rest": _accelerated(_sagging), "a chain that swings": _accelerated(_whip)},
     text="32 links. Told a radius closer to 1 than the sweep's own, the acceleration adds energy in every step "
     "until the chain flies apart; told a smaller one, it helps less.",
-    cure="use a smaller rho for what moves, or Direct",
 )

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pbd_warp import check
-from pbd_warp.camera import Camera
 from pbd_warp.errors import InputError, unknown
+from pbd_warp.grab.camera import Camera
 
 LARGEST = 4096
 """Characters of a message."""

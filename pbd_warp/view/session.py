@@ -12,17 +12,17 @@ import numpy as np
 
 from pbd_warp.cost import cost_sheet
 from pbd_warp.errors import InputError, SimulationFailed, unknown
-from pbd_warp.hand import Hand
-from pbd_warp.integrators import INTEGRATORS
+from pbd_warp.grab.grabber import Grabber
+from pbd_warp.grab.recording import CHANGE, Recording, interactive, summary
 from pbd_warp.measure import measure
-from pbd_warp.methods import METHODS
 from pbd_warp.scene import Scene, load_scene, scene_names
 from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
-from pbd_warp.take import CHANGE, Take, summary
-from pbd_warp.usd import shown_widths
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.methods import METHODS, Direct
+from pbd_warp.usd.writer import shown_widths
 from pbd_warp.view import messages as say
-from pbd_warp.view.stage import describe
+from pbd_warp.view.surroundings import describe
 
 HEADER = struct.Struct("<IIiI")
 """Of a frame: generation, frame, the held particle or -1, the page that holds it or 0; then positions, float32 xyz."""
@@ -40,7 +40,7 @@ class Session:
     Not for several threads at once: whoever has several calls it from one at a time.
 
     Args:
-        scene: The first scene, with its settings. source: Its name, or its file; seed, scene_settings: what
+        scene: The first scene, with its settings. source: Its name, or its file; seed, parameters: what
             `load_scene` made it from.
         device, dtype: Of all simulations.
 
@@ -49,7 +49,7 @@ class Session:
         failure: Why the simulation has stopped, None while it has not.
         generation: Counts models: what belongs to another one is out of date.
         holder: The page whose hand it is, None while it holds nothing.
-        take: What was done since the initial state.
+        recording: What was done since the initial state.
 
     Raises:
         InputError: what the scene's model or simulation refuse.
@@ -62,17 +62,17 @@ class Session:
         device: str | None = None,
         dtype: str = "float32",
         seed: int | None = None,
-        scene_settings: Mapping[str, str] | None = None,
+        parameters: Mapping[str, str] | None = None,
     ):
         self._first = scene
         self._sources = {name: name for name in scene_names()} | {scene.name: source}
-        self._made_from = seed, dict(scene_settings or {})
+        self._made_from = seed, dict(parameters or {})
         self._device, self._dtype = device, dtype
         self.paused = False
         self.generation = 0
         self.holder: int | None = None
         self.failure: str | None = None
-        self.take: Take
+        self.recording: Recording
         self._open(scene)
 
     def advance(self) -> bool:
@@ -95,7 +95,7 @@ class Session:
                 self._click(who, message)
             case say.Move():
                 if who == self.holder:
-                    self.hand.hover(message.camera, message.at)
+                    self.grabber.hover(message.camera, message.at)
             case say.Release():
                 self.leave(who)
             case say.Pause():
@@ -114,13 +114,13 @@ class Session:
     def leave(self, who: int) -> None:
         """Let go of what a page holds."""
         if who == self.holder:
-            self.hand.deselect()
+            self.grabber.deselect()
             self.holder = None
 
     @property
     def frame(self) -> int:
         """Frames done since the initial state."""
-        return self.take.frames - 1
+        return self.recording.frames - 1
 
     def positions(self) -> np.ndarray:
         """Of the last frame that went well [m], float32 [particle_count, 3]."""
@@ -128,7 +128,7 @@ class Session:
 
     def packet(self) -> bytes:
         """The last frame as pages get it: HEADER, positions."""
-        held = -1 if self.hand.particle is None else self.hand.particle
+        held = -1 if self.grabber.particle is None else self.grabber.particle
         return HEADER.pack(self.generation, self.frame, held, self.holder or 0) + self._positions.tobytes()
 
     def description(self) -> dict[str, Any]:
@@ -164,35 +164,33 @@ class Session:
                 "substeps": settings.substeps,
                 "damping": settings.damping,
                 "stiffness": self._stiffness(),
-                "gravity": list(settings.gravity),
+                "gravity": self.sim.model.gravity.tolist(),
             },
             "cost": self._cost,
         }
 
     def save(self, path: Path) -> None:
-        """Write the take."""
-        self.take.save(path)
+        """Write the recording."""
+        self.recording.save(path)
 
     def _open(self, scene: Scene) -> None:
         model = scene.builder.finalize(device=self._device, dtype=self._dtype)
-        settings = Settings.of(scene)
-        sim = settings.simulation(scene, model)
+        settings = interactive(scene.settings)
+        sim = Simulation(model, settings)
         self.scene, self.model = scene, model
         self.generation += 1
         self._start(settings, sim)
 
     def _begin(self, settings: Settings) -> None:
-        self._start(settings, settings.simulation(self.scene, self.model))
+        self._start(settings, Simulation(self.model, settings))
 
     def _start(self, settings: Settings, sim: Simulation) -> None:
-        """From the initial state, with a take of its own."""
+        """From the initial state, with a recording of its own."""
         self._use(settings, sim)
-        self.hand = Hand(sim, lambda gesture, value: self.take.note(self.frame, gesture, value))
+        self.grabber = Grabber(sim, lambda gesture, value: self.recording.note(self.frame, gesture, value))
         self.holder = self.failure = None
-        seed, scene_settings = self._made_from if self.scene is self._first else (None, {})
-        self.take = Take(
-            *(self.scene.name, seed, scene_settings, summary(self.model), self.scene.fps, self._dtype, settings)
-        )
+        seed, parameters = self._made_from if self.scene is self._first else (None, {})
+        self.recording = Recording(*(self.scene.name, seed, parameters, summary(self.model), self._dtype, settings))
         self._positions = self.sim.state.x.numpy().astype(np.float32)
 
     def _use(self, settings: Settings, sim: Simulation) -> None:
@@ -211,18 +209,18 @@ class Session:
         self._positions = self.sim.state.x.numpy().astype(np.float32)
         seconds = time.perf_counter() - start
         self._seconds += (SMOOTHING if self._seconds else 1.0) * (seconds - self._seconds)
-        self.take.frames += 1
+        self.recording.frames += 1
         return True
 
     def _click(self, who: int, click: say.Click) -> None:
         self._refuse_if_stopped()
         if self.holder not in (None, who):
             raise InputError(f"page {self.holder} is dragging; wait until it lets go")
-        self.hand.click(click.camera, click.at, self._radius())
-        self.holder = who if self.hand.particle is not None else None
+        self.grabber.click(click.camera, click.at, self._radius())
+        self.holder = who if self.grabber.particle is not None else None
 
     def _change(self, changes: Mapping[str, Any]) -> None:
-        new = self.settings.changed(self.scene, **changes)
+        new = self._changed(**changes)
         if changes.keys() & {"method", "iterations", "substeps"}:
             sweeps = new.substeps * new.method.iterations
             if sweeps > MOST_SWEEPS:
@@ -233,10 +231,26 @@ class Session:
         if self.failure is not None:
             self._begin(new)  # there is no state to go on from
             return
-        sim = new.continued(self.sim, self.scene, self.model)
+        sim = self.sim.continue_with(new)
         self._use(new, sim)
-        self.hand.sim = sim
-        self.take.note(self.frame, CHANGE, new)
+        self.grabber.sim = sim
+        self.recording.note(self.frame, CHANGE, new)
+
+    def _changed(self, *, method: str | None = None, iterations: int | None = None, **others: Any) -> Settings:
+        """The present settings with others in their place: `method` by its name, its `iterations`, and any other.
+
+        The scene's own method comes as the scene has it. Another one begins with its defaults, but keeps the number of
+        iterations, unless one of the two is `Direct`, to which the number is only a limit.
+        """
+        new, own = self.settings.changed(**others), self.scene.settings.method
+        if method is not None and method != new.method.name:
+            if method == own.name:
+                new = new.changed(method=own)
+            elif Direct.name in (method, new.method.name):
+                new = new.with_method(method)
+            else:
+                new = new.with_method(method, iterations=new.method.iterations)
+        return new if iterations is None else new.with_method(iterations=iterations)
 
     def _load(self, name: str) -> None:
         if name not in self._sources:

@@ -1,0 +1,70 @@
+"""Whether a frame has left what is possible: links far beyond their length, energy from nowhere.
+
+Both write to `diverged`, which the host reads once a frame; positions that are not finite are noted there by the step
+itself (integrate.py).
+"""
+
+from __future__ import annotations
+
+import warp as wp
+
+from pbd_warp.kernels.precision import Real, Vec3, kernel
+
+PARTICLE = wp.constant(0)  # places in `diverged`: the lowest particle that is not finite,
+EDGE = wp.constant(1)  # the lowest edge stretched beyond the limit,
+ENERGY = wp.constant(2)  # 0 where energy has risen beyond the limit
+
+CHUNK = wp.constant(64)
+"""Particles a thread sums before it adds to the total: on a GPU 64 times fewer atomics to one address."""
+
+
+@kernel
+def check_stretch(
+    # Model:
+    edge: wp.array[wp.vec2i],  # [edge_count]
+    rest_length: wp.array[Real],  # [edge_count] [m]
+    # State:
+    x: wp.array[Vec3],  # [particle_count] [m]
+    # In:
+    limit: Real,  # length over rest length, squared
+    # Out:
+    diverged: wp.array[wp.int32],  # [3]
+):
+    k = wp.tid()
+    rest = rest_length[k]
+    d = x[edge[k][0]] - x[edge[k][1]]
+    # Squares: a root a link would cost as much as all the rest.
+    if wp.dot(d, d) > limit * (rest * rest) and rest > Real(0.0):
+        wp.atomic_min(diverged, EDGE, k)
+
+
+@kernel
+def sum_energy(
+    # Model:
+    gravity: Vec3,  # [m/s^2]
+    mass: wp.array[Real],  # [particle_count] [kg], 0 of fixed ones
+    # State:
+    x: wp.array[Vec3],
+    v: wp.array[Vec3],
+    # Out:
+    energy: wp.array[wp.float64],  # [1] added to: kinetic and in gravity [J]
+):
+    first = wp.tid() * CHUNK
+    total = Real(0.0)
+    for i in range(first, wp.min(first + CHUNK, x.shape[0])):
+        v_i = v[i]
+        total = total + mass[i] * (Real(0.5) * wp.dot(v_i, v_i) - wp.dot(gravity, x[i]))
+    wp.atomic_add(energy, 0, wp.float64(total))
+
+
+@kernel
+def check_energy(
+    # In:
+    limit: wp.float64,  # [J]
+    # Out:
+    energy: wp.array[wp.float64],  # [1] set to zero for the next frame
+    diverged: wp.array[wp.int32],
+):
+    if energy[0] > limit:
+        diverged[ENERGY] = 0
+    energy[0] = wp.float64(0.0)

@@ -1,0 +1,211 @@
+"""Measures a scene under many settings: the rows of a speed-against-accuracy chart."""
+
+from __future__ import annotations
+
+import datetime
+import platform
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from pbd_warp import check
+from pbd_warp.accuracy.chart import Chart, Row
+from pbd_warp.errors import InputError, SimulationFailed, unknown
+from pbd_warp.grab.controller import play
+from pbd_warp.grab.drag import Drag
+from pbd_warp.measure import measure
+from pbd_warp.model.model import Model
+from pbd_warp.scene import Scene
+from pbd_warp.simulation import Simulation
+from pbd_warp.step.divergence import STRETCHED, Limits
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.methods import METHODS, Direct, Jacobi
+from pbd_warp.version import __version__
+
+SECONDS = 1.0
+"""What is simulated. Chains are chaotic later: then errors say nothing about the method."""
+
+FINER = 16
+"""A scene without an exact reference is compared with itself at so many times the substeps, in float64."""
+
+SLOWEST = 4.0
+"""A configuration that takes longer than this many seconds for a simulated one is not repeated."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """What to combine. Direct iterates to its tolerance, so `iterations` are for the other methods."""
+
+    methods: Sequence[str] = tuple(METHODS)
+    integrators: Sequence[str] = tuple(INTEGRATORS)
+    substeps: Sequence[int] = (1, 2, 4, 8, 16, 32, 64)
+    iterations: Sequence[int] = (1, 4, 16)
+    dtypes: Sequence[str] = ("float32", "float64")
+    repeat: int = 5
+
+    def __post_init__(self) -> None:
+        for kind, names, known in (("method", self.methods, METHODS), ("integrator", self.integrators, INTEGRATORS)):
+            for name in names:
+                if name not in known:
+                    raise unknown(kind, name, known)
+        for dtype in self.dtypes:
+            if dtype not in ("float32", "float64"):
+                raise unknown("dtype", dtype, ("float32", "float64"))
+        for name in ("substeps", "iterations"):
+            for value in getattr(self, name):
+                check.whole(name, value, low=1)
+        check.whole("repeat", self.repeat, low=1)
+
+    def configurations(self, scene: Scene) -> list[Scene]:
+        """The scene in all combinations that it can be simulated in."""
+        return [
+            scene.changed(method=method, integrator=integrator, substeps=substeps)
+            for name in self.methods
+            for method in self._methods(name)
+            for integrator, substeps in product(self.integrators, self.substeps)
+        ]
+
+    def _methods(self, name: str) -> list[Any]:
+        if METHODS[name] is Direct:
+            return [Direct()]
+        return [METHODS[name](iterations=iterations) for iterations in self.iterations]
+
+
+def sweep_scene(
+    scene: Scene, sweep: Sweep, device: str | None = None, on_row: Callable[[int, int], object] = lambda done, of: None
+) -> Chart:
+    """Measure a scene in every configuration of a sweep that it can be simulated in.
+
+    Args:
+        on_row: Called with how many are done, of how many.
+
+    Raises:
+        InputError: the scene can be simulated in none of them.
+    """
+    frames = round(SECONDS * scene.fps)
+    models = {dtype: scene.builder.finalize(device, dtype) for dtype in {*sweep.dtypes, "float64"}}
+    reference, text = _reference(scene, models["float64"], frames)
+    todo = list(product(sweep.configurations(scene), sweep.dtypes))
+    rows = []
+    refusal: InputError | None = None
+    for done, (configuration, dtype) in enumerate(todo):
+        try:
+            # Measured as far as it goes: what is off is marked in the row.
+            settings = configuration.settings.changed(on_failure="continue", limits=Limits(stretch=None))
+            sim = Simulation(models[dtype], settings)
+        except InputError as error:  # such as an integrator that does not model contacts
+            refusal = error
+        else:
+            rows.append(_measure(configuration, sim, reference, frames, sweep.repeat))
+        on_row(done + 1, len(todo))
+    if not rows:
+        raise InputError(f"scene {scene.name} can be simulated in none of these configurations: {refusal}")
+    model = models["float64"]
+    info = {
+        "reference": text,
+        "measured": f"{frames} frames at {scene.fps:g} frames/s, {sweep.repeat} repetitions, median",
+        **provenance(model.device),
+    }
+    return Chart(tuple(rows), info)
+
+
+def provenance(device: Any) -> dict[str, str]:
+    """What figures were measured with: machine, versions and date, for the head of their CSV."""
+    return {
+        "machine": f"{platform.system()} {platform.machine()}, {_processor()}, device {device}",
+        "versions": f"pbd-warp {__version__}, warp {wp.config.version}, numpy {np.__version__}, "
+        f"python {platform.python_version()}",
+        "date": datetime.date.today().isoformat(),
+    }
+
+
+def charts_folder() -> Path:
+    """Where the charts that come with the project are, one CSV a scene."""
+    return Path(__file__).parent / "charts"
+
+
+def _reference(scene: Scene, model: Model, frames: int) -> tuple[np.ndarray, str]:
+    """Positions after the last frame, and a sentence that says where they are from."""
+    if scene.reference is not None:
+        return scene.reference(frames / scene.fps), scene.reference_text
+    finer = scene.settings.changed(substeps=FINER * scene.settings.substeps)
+    try:
+        finer = finer.changed(method=Direct())
+        sim = Simulation(model, finer)
+    except InputError:  # no paths: as many sweeps as are affordable
+        finer = finer.changed(method=Jacobi(iterations=4 * scene.settings.method.iterations))
+        sim = Simulation(model, finer)
+    for _ in play(sim, Drag(scene.drag), frames):
+        pass
+    text = f"its own run with {finer.method.name}, {finer.substeps} substeps (16 times its default), float64"
+    return sim.state.x.numpy(), text
+
+
+def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, repeat: int) -> Row:
+    before = measure(sim).energy
+    stretch, iterations, unconverged, outcome = 0.0, 0, 0, "converged"
+    error = drift = float("nan")
+    walls = []
+    try:
+        for _ in play(sim, Drag(scene.drag), frames):
+            stretch = max(stretch, measure(sim).max_stretch)
+            iterations += sim.iterations_used
+            unconverged += sim.unconverged or 0
+        error = float(np.sqrt(np.mean(np.sum((sim.state.x.numpy() - reference) ** 2, axis=1))))
+        drift = measure(sim).energy - before
+        for _ in range(repeat):
+            sim.reset()
+            start = time.perf_counter()
+            for _ in play(sim, Drag(scene.drag), frames):
+                pass
+            wp.synchronize_device(sim.model.device)
+            walls.append(1e3 * (time.perf_counter() - start) / SECONDS)
+            if walls[-1] > 1e3 * SLOWEST:
+                break
+        rigid = not np.any(sim.model.distance.compliance > 0.0)
+        if unconverged or (rigid and stretch > STRETCHED):
+            outcome = "not converged"
+    except SimulationFailed:
+        outcome = "diverged"
+    wall = statistics.median(walls) if walls else float("nan")
+    return Row(
+        scene=scene.name,
+        method=scene.settings.method.name,
+        integrator=scene.settings.integrator,
+        dtype=sim.model.dtype,
+        substeps=scene.settings.substeps,
+        iterations=scene.settings.method.iterations,
+        wall_ms_per_sim_second=wall,
+        wall_spread=(max(walls) - min(walls)) / wall if walls else float("nan"),
+        projections_per_sim_second=_projections(sim, iterations) / SECONDS,
+        position_error=error,
+        max_stretch=stretch,
+        energy_drift=drift,
+        outcome=outcome,
+    )
+
+
+def _projections(sim: Simulation, iterations: int) -> float:
+    """Constraints evaluated, counting one a particle where there are only contacts.
+
+    Direct counts the iterations of every path, so its constraints are shared out among the paths.
+    """
+    model = sim.model
+    count = model.constraint_count or model.particle_count
+    paths = len(np.unique(model.component[model.distance.edge[:, 0]])) if isinstance(sim.settings.method, Direct) else 1
+    return iterations * count / paths
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or "unknown processor"

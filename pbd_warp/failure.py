@@ -1,0 +1,63 @@
+"""What a failed frame is reported as: what was found, with which settings, the worst constraint, the nearest remedy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pbd_warp.preflight import SMALLER_STEPS, Snapshot, nearest_remedy
+from pbd_warp.step.constraints.contact import room_for_contacts
+
+Failure = tuple[str, int]
+"""What kind, and its number: ("particle", which), ("stretch", edge), ("energy", 0), ("newton", how many solutions),
+("contacts", how many there were without room for them)."""
+
+
+def describe(now: Snapshot, failure: Failure) -> str:
+    """One sentence about a frame that has just been made."""
+    kind, number = failure
+    if kind == "contacts":
+        room = room_for_contacts(now.model.particle_count, now.settings.max_contacts)
+        what = f"{number} contacts, but there is room for {room}"
+        return f"{what}; give Simulation or Scene max_contacts={2 * number} or more"
+    remedy = nearest_remedy(now) or _remedy(now, failure[0])
+    return f"{_finding(now, failure)} with {now.settings}; {_worst_constraint(now)}{remedy}"
+
+
+def _remedy(now: Snapshot, kind: str) -> str:
+    """Where nothing known is near."""
+    if kind == "newton":
+        return (
+            f"{SMALLER_STEPS}, on_failure='subdivide', which makes such frames again with smaller steps, or "
+            "'continue', where what is left over does not matter"
+        )
+    return ", or ".join(text for text in (SMALLER_STEPS, now.settings.method.remedy) if text)
+
+
+def _finding(now: Snapshot, failure: Failure) -> str:
+    kind, number = failure
+    if kind == "particle":
+        return f"particle {number} has left the finite numbers"
+    stretch, energy = now.settings.limits.stretch, now.settings.limits.energy
+    if kind == "stretch" and stretch is not None:
+        return f"distance {number} is stretched beyond the limit of {100 * stretch:g} %"
+    if kind == "energy":
+        return f"energy rose beyond the limit of {energy:g} J above the start"
+    return f"Newton's method did not converge in {number} solution{'s' if number > 1 else ''}"
+
+
+def _worst_constraint(now: Snapshot) -> str:
+    """The constraint that is furthest off, among those whose particles are finite; nothing where there is none."""
+    edges, points = now.model.distance, now.model.point
+    with np.errstate(all="ignore"):
+        off = np.concatenate([np.abs(edges.residual(now.x)), points.residual(now.x, now.point_target)])
+    c = np.nan_to_num(off, nan=-1.0, posinf=-1.0)
+    if not len(c) or c.max() < 0.0:
+        return ""
+    worst = int(np.argmax(c))
+    if worst >= len(edges):
+        particle = points.particle[worst - len(edges)]
+        return f"the worst constraint is the point of particle {particle}, off by {c[worst]:.3g} m; "
+    i, j = edges.edge[worst]
+    rest = edges.rest_length[worst]
+    relative = f" ({100 * c[worst] / rest:.3g} % of its length)" if rest > 0.0 else ""
+    return f"the worst constraint is the distance of particles {i} and {j}, off by {c[worst]:.3g} m{relative}; "

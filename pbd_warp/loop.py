@@ -1,0 +1,130 @@
+"""The loop of Mueller et al. 2007, Position Based Dynamics, section 3.1, on a model's device."""
+
+from __future__ import annotations
+
+import time
+
+import warp as wp
+
+from pbd_warp.failure import Failure
+from pbd_warp.model.model import Model, State
+from pbd_warp.settings import Settings
+from pbd_warp.step.constraints.contact import ContactConstraints
+from pbd_warp.step.context import NOTHING, Context, Stage
+from pbd_warp.step.damping import Damper
+from pbd_warp.step.divergence import DivergenceMonitor
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.integrators.second_order import refuse_first_order_features
+from pbd_warp.step.methods import Direct
+
+
+class Loop:
+    """Makes frames of a model. A part that the model has no use for is not there: nothing of it is launched.
+
+    Attributes:
+        context: The arrays that its parts share.
+        start: The state at the start of the frame, where a failed one can be made again.
+        compile_seconds: What loading (and at first use compiling) the kernels took.
+
+    Raises:
+        InputError: what method or integrator refuse for this model.
+    """
+
+    def __init__(self, model: Model, settings: Settings):
+        self._settings = settings
+        if INTEGRATORS[settings.integrator].order > 1:
+            refuse_first_order_features(settings.integrator, model, settings.damping, settings.depenetration_speed)
+        self.context = context = Context(model, settings.step_dt, settings.depenetration_speed)
+        self.contacts = None
+        if model.collides:
+            self.contacts = ContactConstraints(context, settings.method.valence(model), settings.max_contacts)
+        self.damper = Damper(context, settings.damping, settings.substeps) if settings.damping > 0.0 else None
+        self.integrator = INTEGRATORS[settings.integrator](context, damped=self.damper is not None)
+        self.solver = settings.method.bind(context, self.contacts)
+        self.monitor = DivergenceMonitor(context, settings.limits)
+        self.start: State | None = None
+        if settings.on_failure in ("subdivide", "fallback"):
+            n = model.particle_count
+            self.start = State(*(context.allocate(f"start.{name}", n, context.vec3) for name in "xv"))
+        # With contacts Newton's method is but one half of a round; no single one of them has to arrive.
+        self._newton = isinstance(settings.method, Direct) and not self.contacts and settings.on_failure != "continue"
+        self.compile_seconds = self._load_kernels()
+        self._graph = self._capture() if settings.capture else None
+
+    def make_frame(self) -> None:
+        """Advance the state by a frame."""
+        if self._graph is None:
+            self.run_frame()
+        else:
+            wp.capture_launch(self._graph)
+
+    def run_frame(self) -> None:
+        """Launch the steps of a frame, and the search for divergence at its end."""
+        context = self.context
+        if self.start:
+            context.launch.copy(self.start.x, context.state.x)
+            context.launch.copy(self.start.v, context.state.v)
+        if self.solver.counters is not None:
+            context.launch.zero(self.solver.counters)
+        for _ in range(self._settings.substeps):
+            self.run_step()
+        self.monitor.launch()
+
+    def run_step(self) -> None:
+        """One step of the integrator."""
+        for stage in self.integrator.stages:
+            self._run_stage(stage)
+
+    def _run_stage(self, stage: Stage) -> None:
+        """One pass of the paper's loop, lines 5-16."""
+        if self.damper:
+            self.damper.accelerate_and_damp(stage)  # (5), (6)
+        self.integrator.predict(stage)  # (5) where there is no line 6, (7)
+        if self.contacts:
+            self.contacts.find()  # (8)
+        self.solver.solve(stage)  # (9)-(11)
+        self.integrator.update(stage)  # (12)-(15)
+        if self.contacts:
+            self.contacts.update_velocities()  # (16)
+
+    def find_failure(self) -> Failure | None:
+        """What is wrong with the frame just made, if anything; reads a few integers back."""
+        if self.contacts:
+            needed = int(self.contacts.needed.numpy()[0])
+            if needed:
+                self.contacts.needed.zero_()
+                return "contacts", needed
+        particle, edge, energy = self.context.diverged.numpy().tolist()
+        for kind, number in ("particle", particle), ("stretch", edge), ("energy", energy):
+            if number != NOTHING:
+                return kind, number
+        if self._newton and self.unconverged:
+            return "newton", self.unconverged
+        return None
+
+    @property
+    def unconverged(self) -> int | None:
+        """Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None without one."""
+        return None if self.solver.counters is None else int(self.solver.counters.numpy()[1])
+
+    def restart(self) -> None:
+        """Forget the past: the state has been put somewhere else."""
+        self.monitor.restart()
+        if self.contacts:
+            self.contacts.needed.zero_()
+        self.integrator.restart()
+        self.solver.restart()
+
+    def _load_kernels(self) -> float:
+        with self.context.launch.dry_run() as trace:
+            self.run_step()
+            self.monitor.launch()
+        start = time.perf_counter()
+        for module in {kernel.module.name for _, kernel in trace if kernel}:
+            wp.load_module(module, device=self.context.model.device)
+        return time.perf_counter() - start
+
+    def _capture(self) -> wp.Graph:
+        with wp.ScopedCapture(device=self.context.model.device, force_module_load=False) as capture:
+            self.run_frame()
+        return capture.graph

@@ -1,0 +1,103 @@
+"""What does not change while a simulation runs (Model) and what does (State)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from pbd_warp.model.constraints import DistanceSet, PointSet
+
+
+@dataclass(frozen=True)
+class Colliders:
+    """Fixed planes and spheres, one row each.
+
+    kind: 0 plane, 1 sphere. centre [m]: a point of the plane, the sphere's centre. normal: the plane's, of unit
+    length. size [m]: the sphere's radius. All are numpy arrays of shape [collider_count] or [collider_count, 3].
+    """
+
+    kind: np.ndarray
+    centre: np.ndarray
+    normal: np.ndarray
+    size: np.ndarray
+    friction: np.ndarray
+    restitution: np.ndarray
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Particle-particle contact: Coulomb friction and restitution of all pairs."""
+
+    friction: float
+    restitution: float
+
+
+def masses(w: np.ndarray) -> np.ndarray:
+    """Masses [kg] of inverse masses w [1/kg], 0 where w is 0."""
+    return np.divide(1.0, w, out=np.zeros(len(w)), where=w > 0.0)
+
+
+@dataclass(frozen=True, repr=False)
+class Model:
+    """A particle graph as `ModelBuilder.finalize` leaves it. float64 numpy arrays; simulations copy them to their
+    device and precision.
+
+    x, v: initial positions [m] and velocities [m/s], shape [particle_count, 3].
+    w: inverse masses [1/kg], shape [particle_count]; 0 is fixed.
+    radius [m], shape [particle_count].
+    component: the connected component of each particle, shape [particle_count].
+    ropes: particle indices along each rope, for drawing and for path solvers.
+    """
+
+    gravity: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    radius: np.ndarray
+    distance: DistanceSet
+    point: PointSet
+    contacts: Contacts | None
+    colliders: Colliders
+    ropes: tuple[np.ndarray, ...]
+    component: np.ndarray
+    device: wp.Device
+    real: type
+
+    @property
+    def particle_count(self) -> int:
+        return len(self.x)
+
+    @property
+    def constraint_count(self) -> int:
+        return len(self.distance) + len(self.point)
+
+    @property
+    def dtype(self) -> str:
+        """ "float32" or "float64"."""
+        return self.real.__name__
+
+    @property
+    def mass(self) -> np.ndarray:
+        """[kg], float64 [particle_count]; 0 of fixed particles."""
+        return masses(self.w)
+
+    @property
+    def collides(self) -> bool:
+        """Whether there is anything to be in contact with."""
+        return self.contacts is not None or len(self.colliders.kind) > 0
+
+    def __repr__(self) -> str:
+        counts = {"distances": len(self.distance), "points": len(self.point), "colliders": len(self.colliders.kind)}
+        there = "".join(f", {count} {name}" for name, count in counts.items() if count)
+        contacts = ", contacts" if self.contacts else ""
+        return f"Model({self.particle_count} particles{there}{contacts}; {self.dtype} on {self.device})"
+
+
+@dataclass(frozen=True)
+class State:
+    """Positions [m] and velocities [m/s], Warp arrays of vec3, shape [particle_count]."""
+
+    x: wp.array
+    v: wp.array

@@ -1,0 +1,237 @@
+"""Preflight checks: what is known to fail, told before the first step, each with its remedy.
+
+Each check is a map of the stability atlas (docs/stability), which quotes the remedy from here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from pbd_warp.errors import InputError
+from pbd_warp.model.model import Model, masses
+from pbd_warp.settings import Settings
+from pbd_warp.step.divergence import STRETCHED
+from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.methods.direct import Direct, paths
+from pbd_warp.step.methods.jacobi import Jacobi
+from pbd_warp.step.methods.spectrum import JacobiSweep
+
+WHIP = 0.3
+"""A link that turns by this angle in a step [rad] under its own weight is too much for "midpoint" as a whip."""
+
+NOISE = 0.01
+"""Velocity from rounding positions, relative to that of falling by a link's length, that counts as a failure."""
+
+
+ROUND_OFF = 1e-6
+"""Of a length, by which it is the same."""
+
+SMALLER_STEPS = "use more substeps"
+
+REMEDIES = {
+    "relaxation": "keep averaging='mass-splitting' and the relaxation at 1",
+    "star": "use averaging='mass-splitting', GaussSeidel, or a smaller relaxation",
+    "overconstrained": "use averaging='mass-splitting', or give each distance once",
+    "sweeps": "use an even number of iterations, or a relaxation of 1",
+    "chain_length": "use Direct, or more substeps",
+    "mass_ratio": "use Direct, or more substeps",
+    "chebyshev": "use a smaller rho for what moves, or Direct",
+    "step": "use integrator 'bdf2', or more substeps",
+    "precision": "use float64, or move the scene to the origin",
+    "drag": "use Direct, or more substeps",
+    "speed": "use more substeps, or float64",
+    "overlap": "start without overlap, or limit the depenetration speed",
+    "unreachable": "use Jacobi, or a compliance",
+    "cradle": "leave gaps wider than a step's way",
+    "coincident": "start particles apart, or use more iterations",
+}
+"""What was seen to help against each failure of the atlas, by the name of the check and of the map."""
+
+
+@dataclass(frozen=True)
+class PreflightWarning:
+    """One thing that is known to fail, and does so with these settings where severity is above 1.
+
+    test: The name of the check, and of the map in the atlas that shows the boundary and knows the remedy.
+    """
+
+    test: str
+    text: str
+    severity: float
+
+    @property
+    def remedy(self) -> str:
+        return REMEDIES[self.test]
+
+    def __str__(self) -> str:
+        return f"{self.text}: {self.remedy} (test: {self.test})"
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A simulation at one moment, on the host.
+
+    x, v: float64 [particle_count, 3] [m], [m/s]. w: Inverse masses [1/kg], 0 also for what is held. point_target:
+    [point_count, 3] [m].
+    """
+
+    model: Model
+    settings: Settings
+    x: np.ndarray
+    v: np.ndarray
+    w: np.ndarray
+    point_target: np.ndarray
+
+    @property
+    def before(self) -> Snapshot:
+        """Of a simulation that has just failed: where its particles are then says nothing about why, so here they are
+        where they began; but for those that are held, which are where they are led to."""
+        x, v = self.model.x.copy(), self.model.v.copy()
+        held = self.w == 0.0
+        x[held] = np.nan_to_num(self.x[held])
+        return Snapshot(self.model, self.settings, x, v, self.w, self.point_target)
+
+
+def preflight(now: Snapshot) -> list[PreflightWarning]:
+    """All checks that apply, the worst first; those with a severity above 1 are known to fail."""
+    found = [warning for check in CHECKS for warning in check(now)]
+    return sorted(found, key=lambda warning: -warning.severity)
+
+
+def nearest_remedy(failed: Snapshot) -> str:
+    """Of a simulation that failed: what its state and settings are known to fail of, and the cure; empty if nothing."""
+    known = [warning for warning in preflight(failed.before) if warning.severity > 1.0]
+    return f"{known[0].text}: {known[0].remedy}" if known else ""
+
+
+def _relaxation(now: Snapshot) -> Iterator[PreflightWarning]:
+    """Jacobi converges where relaxation times the largest eigenvalue of a sweep is below 2; over many steps of an odd
+    number K of sweeps, where it is below 1 + 3^(-1/K) (pbd_warp/stability/theory.py)."""
+    method = now.settings.method
+    if not isinstance(method, Jacobi) or (method.averaging == "mass-splitting" and method.relaxation <= 1.0):
+        return
+    sweep = JacobiSweep(now.model, method.averaging, method.valence(now.model), now.x)
+    largest = max(sweep.largest_eigenvalue(), 1e-300)
+    limit, at_odd = 2.0 / largest, (1.0 + 3.0 ** (-1.0 / method.iterations)) / largest
+    # At the limit itself an error neither grows nor falls, and the estimate of it is good to some 0.1 %.
+    severity = method.relaxation / limit * (1.0 + 1e-3)
+    text = f"relaxation {method.relaxation:g} is above {limit:.3g}, the limit of Jacobi sweeps on this graph"
+    yield PreflightWarning("relaxation", text, severity)
+    if method.iterations % 2:
+        text = f"relaxation {method.relaxation:g} is above {at_odd:.3g}, the limit of {method.iterations} sweeps a step"
+        yield PreflightWarning("sweeps", text, method.relaxation / at_odd)
+
+
+def _truncation(now: Snapshot) -> Iterator[PreflightWarning]:
+    """K sweeps are like springs: a link that carries a tension T hangs stretched by h^2 T (n_i w_i + n_j w_j) / K.
+
+    From the stretch of truncated Jacobi, B^K (sum P B^k)^-1 h^2 T, for few sweeps on a long chain. T is taken as the
+    weight of all that hangs on the same fixed particles, three times over when it swings.
+    """
+    method, model = now.settings.method, now.model
+    edges = model.distance
+    rated = edges.rest_length > 0.0
+    if isinstance(method, Direct) or not np.any(rated):
+        return
+    w, settings = now.w, now.settings
+    mass = masses(w)
+    locked = w == 0.0
+    locked[model.point.particle] = True
+    pieces = int(model.component.max()) + 1
+    weight = np.bincount(model.component, mass, pieces) * np.linalg.norm(model.gravity)
+    weight[np.bincount(model.component, locked, pieces) == 0.0] = 0.0  # what hangs on nothing falls without tension
+    i, j = edges.edge[rated].T
+    valence = np.ones_like(w)
+    if isinstance(method, Jacobi) and method.averaging == "mass-splitting":
+        valence = np.maximum(method.valence(model), 1).astype(np.float64)
+    sweeps = method.iterations * (method.relaxation if isinstance(method, Jacobi) else 2.0)
+    denominator = valence[i] * w[i] + valence[j] * w[j]
+    tension = 3.0 * weight[model.component[i]]
+    stretch = settings.step_dt**2 * tension * denominator / (sweeps * edges.rest_length[rated])
+    stretch[edges.compliance[rated] > 0.0] = 0.0
+    worst = int(np.argmax(stretch))
+    piece = model.component[i[worst]]
+    own = mass[(model.component == piece) & (mass > 0.0)]
+    ratio = float(own.max() / own.min()) if len(own) else 1.0
+    links = int(np.sum(model.component[edges.edge[:, 0]] == piece))
+    heavy = ratio > links
+    about = f"a mass ratio of {ratio:.3g}" if heavy else f"a chain of {links} links"
+    text = (
+        f"{about} is too much for {method.iterations} iterations at {settings.substeps} substeps (estimated stretch "
+        f"{100 * stretch[worst]:.2g} %)"
+    )
+    test = "mass_ratio" if heavy else "chain_length"
+    yield PreflightWarning(test, text, float(stretch[worst]) / STRETCHED)
+    if (speed := settings.depenetration_speed) is not None:
+        longest = float((stretch * edges.rest_length[rated]).max())
+        text = f"a depenetration speed of {speed:g} m/s does not take back what a step stretches"
+        yield PreflightWarning(test, text, longest / (speed * settings.step_dt))
+
+
+def _step(now: Snapshot) -> Iterator[PreflightWarning]:
+    """The step is too long for what moves in it."""
+    model = now.model
+    h = now.settings.step_dt
+    if INTEGRATORS[now.settings.integrator].mean_gradient and len(model.distance):
+        shortest = model.distance.rest_length[model.distance.rest_length > 0.0].min(initial=np.inf)
+        turn = h * np.sqrt(np.linalg.norm(model.gravity) / shortest)
+        text = f"a step of {h:.3g} s is long for links of {shortest:.3g} m and an integrator that damps nothing"
+        yield PreflightWarning("step", text, float(turn) / WHIP)
+    solid = model.radius > 0.0
+    if model.collides and np.any(solid):
+        speed = np.linalg.norm(now.v, axis=1).max()
+        smallest = float(model.radius[solid].min())
+        text = f"{speed:.3g} m/s is {speed * h / smallest:.2g} radii a step: what it pushes may pass through others"
+        yield PreflightWarning("speed", text, float(speed * h / (2.0 * smallest)))
+
+
+def _precision(now: Snapshot) -> Iterator[PreflightWarning]:
+    """Positions are stored rounded: far out each step makes velocity out of that."""
+    model = now.model
+    lengths = np.concatenate([model.distance.rest_length, model.radius])
+    lengths = lengths[lengths > 0.0]
+    if not len(lengths):
+        return
+    far = float(np.abs(now.x).max())
+    rounding = float(np.finfo(model.dtype).eps) * far
+    gravity = float(np.linalg.norm(model.gravity))
+    typical = np.sqrt(gravity * float(lengths.min())) or float(np.linalg.norm(model.v, axis=1).max())
+    if typical > 0.0:
+        severity = rounding / now.settings.step_dt / (NOISE * typical)
+        text = f"{model.dtype} rounds positions {far:.3g} m from the origin to {rounding:.1g} m"
+        yield PreflightWarning("precision", text, float(severity))
+
+
+def _unreachable(now: Snapshot) -> Iterator[PreflightWarning]:
+    """Two ends held further apart than the rope between them, with particles that move, is long."""
+    model = now.model
+    if not isinstance(now.settings.method, Direct):
+        return
+    x = now.x.copy()
+    locked = now.w == 0.0
+    rigid = model.point.compliance == 0.0
+    locked[model.point.particle[rigid]] = True
+    x[model.point.particle[rigid]] = now.point_target[rigid]
+    edges = model.distance
+    try:
+        vertex, first, link = paths(edges.edge, model.point.particle)
+    except InputError:
+        return  # a graph that is no set of paths
+    length = np.where(link >= 0, np.append(edges.rest_length, 0.0)[link], 0.0)
+    soft = np.where(link >= 0, np.append(edges.compliance, 0.0)[link] > 0.0, False)
+    for begin, end in pairwise(first):
+        held = begin + np.flatnonzero(locked[vertex[begin:end]])
+        for a, b in pairwise(held):
+            apart, rope = float(np.linalg.norm(x[vertex[a]] - x[vertex[b]])), float(length[a:b].sum())
+            if b > a + 1 and apart > 0.0 and not soft[a:b].any():
+                text = f"particles {vertex[a]} and {vertex[b]} are held {apart:.4g} m apart, on a rope of {rope:.4g} m"
+                # Held straight it carries nothing: where there is weight that is as bad as too far.
+                most = rope * (1.0 - ROUND_OFF if np.any(model.gravity) else 1.0 + ROUND_OFF)
+                yield PreflightWarning("unreachable", text, apart / most)
+
+
+CHECKS = (_unreachable, _relaxation, _truncation, _step, _precision)

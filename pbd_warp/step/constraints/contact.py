@@ -1,0 +1,179 @@
+"""Lines 8 and 16: contacts between particles and with colliders, bound to a device.
+
+The maths is in kernels/contact.py, kernels/collider.py and kernels/bounce.py.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import warp as wp
+
+from pbd_warp.kernels.bounce import bounce, count_active
+from pbd_warp.kernels.collider import find_collider_contacts
+from pbd_warp.kernels.contact import find_contacts, note_overflow, project_contact, sweep_midpoints
+from pbd_warp.kernels.jacobi import add_corrections
+from pbd_warp.step.context import Context, Stage
+
+MARGIN = 0.05
+"""Contacts are watched from this fraction of r_i + r_j before touching: other constraints move particles within the
+step, and a pair that was not watched would overlap until the next one."""
+
+CONTACTS_PER_PARTICLE = 8
+"""Room by default. Equal spheres touch at most 12 others, each contact counted once for two: 6, and 2 colliders."""
+
+RESTING_STEPS = 2.0
+"""An approach slower than gravity makes in this many steps is rest, not impact (Mueller et al. 2020, section 3.6)."""
+
+
+class ContactConstraints:
+    """The contacts of one step: found anew in every substep, projected in every sweep.
+
+    Args:
+        valence: Constraints that share each particle's mass but for contacts, int32 [particle_count].
+        max_contacts: Room for them; by default for what equal spheres need.
+
+    Attributes:
+        valence: With the contacts of the step, on the device.
+    """
+
+    def __init__(self, context: Context, valence: np.ndarray, max_contacts: int | None = None):
+        self._context = context
+        model = context.model
+        self._lasting_valence = context.upload("contact.lasting_valence", valence, wp.int32)
+        self.valence = context.allocate("contact.valence", model.particle_count, wp.int32)
+        n = model.particle_count
+        colliders = model.colliders
+        self.pairs = model.contacts is not None
+        self.capacity = room_for_contacts(n, max_contacts)
+        self.radius = context.upload("contact.radius", model.radius)
+        self.count = context.allocate("contact.count", 1, wp.int32)
+        self.needed = context.allocate("contact.needed", 1, wp.int32)
+        self.pair = context.allocate("contact.pair", self.capacity, wp.vec2i)
+        self.normal = context.allocate("contact.normal", self.capacity, context.vec3)
+        self.gap = context.allocate("contact.gap", self.capacity, context.real)
+        self.lam = context.allocate("contact.lam", self.capacity, context.real)
+        self.lam_friction = None
+        if np.any(colliders.friction > 0.0) or (model.contacts and model.contacts.friction > 0.0):
+            self.lam_friction = context.allocate("contact.lam_friction", self.capacity, context.vec3)
+        self.v_before = context.allocate("contact.v_before", n, context.vec3)
+        self.dv = context.allocate("contact.dv", n, context.vec3)
+        self.active = context.allocate("contact.active", n, wp.int32)
+        self.found = (self.count, self.pair, self.normal, self.gap)
+        self.friction = model.contacts.friction if model.contacts else 0.0
+        self.restitution = model.contacts.restitution if model.contacts else 0.0
+        self.depenetration = -1.0  # all of an overlap in one step
+        if context.depenetration_speed is not None:
+            self.depenetration = context.depenetration_speed * context.dt
+        self.resting = RESTING_STEPS * float(np.linalg.norm(model.gravity)) * context.dt
+
+        self.kind = context.upload("collider.kind", colliders.kind, wp.int32)
+        self.centre = context.upload("collider.centre", colliders.centre, context.vec3)
+        self.plane_normal = context.upload("collider.normal", colliders.normal, context.vec3)
+        self.size = context.upload("collider.size", colliders.size)
+        self.collider_friction = context.upload("collider.friction", colliders.friction)
+        self.collider_restitution = context.upload("collider.restitution", colliders.restitution)
+
+        if self.pairs:
+            self.max_radius = float(model.radius.max())
+            self.cell_width = 2.0 * self.max_radius * (1.0 + MARGIN)
+            # Some two cells a particle; the grid wraps around, so its extent does not bound the scene.
+            side = int(np.clip(np.ceil(np.cbrt(2.0 * n)), 8, 128))
+            self.grid = wp.HashGrid(side, side, side, device=model.device, dtype=context.real)
+            self.grid.reserve(n)
+            self.midpoint = context.allocate("contact.midpoint", n, context.vec3)
+            self.sweep = context.allocate("contact.sweep", n, context.real)
+            self.neighbour_start = self.neighbour = None
+            if len(model.distance):
+                start, neighbour = neighbours(model.distance.edge, n)
+                self.neighbour_start = context.upload("contact.neighbour_start", start, wp.int32)
+                self.neighbour = context.upload("contact.neighbour", neighbour, wp.int32)
+
+    def find(self) -> None:
+        """Line 8: generateCollisionConstraints(x -> p)."""
+        context = self._context
+        launch = context.launch
+        n = context.model.particle_count
+        x, w, u = context.state.x, context.w, context.u
+        launch.zero(self.count)
+        launch.copy(self.valence, self._lasting_valence)
+        launch.copy(self.v_before, context.state.v)
+        if self.pairs:
+            launch(sweep_midpoints, n, x, u, self.midpoint, self.sweep)
+            launch.build_grid(self.grid, self.midpoint, self.cell_width)
+            launch(
+                find_contacts,
+                n,
+                *(
+                    self.grid.id,
+                    self.radius,
+                    self.max_radius,
+                    MARGIN,
+                    self.depenetration,
+                    self.neighbour_start,
+                    self.neighbour,
+                ),
+                *(x, w, u, self.midpoint, self.sweep),
+                *(*self.found, self.valence),
+            )
+        if len(self.kind):
+            launch(
+                find_collider_contacts,
+                n,
+                *(self.kind, self.centre, self.plane_normal, self.size, self.radius, MARGIN, self.depenetration),
+                *(x, w, u),
+                *(*self.found, self.valence),
+            )
+        launch(note_overflow, 1, self.count, self.capacity, self.needed)
+
+    def begin(self, stage: Stage) -> None:
+        self._context.launch.zero(self.lam)
+        if self.lam_friction is not None:
+            self._context.launch.zero(self.lam_friction)
+
+    def project(
+        self,
+        stage: Stage,
+        u: wp.array,
+        valence: wp.array | None,
+        relaxation: float,
+        residual: wp.array | None,
+        correction: wp.array,
+    ) -> None:
+        """Line 10 for contacts."""
+        context = self._context
+        context.launch(
+            project_contact,
+            self.capacity,
+            *(self.radius, self.friction, self.collider_friction),
+            *(context.state.x, context.w, *self.found, u, valence, relaxation),
+            *(self.lam, self.lam_friction, residual, correction),
+        )
+
+    def update_velocities(self) -> None:
+        """Line 16: velocityUpdate."""
+        context = self._context
+        launch = context.launch
+        launch.zero(self.active)
+        launch(count_active, self.capacity, self.count, self.pair, self.lam, self.active)
+        launch(
+            bounce,
+            self.capacity,
+            *(self.friction, self.restitution, self.collider_friction, self.collider_restitution, self.resting),
+            *(context.state.x, context.state.v, context.w),
+            *(self.count, self.pair, self.normal, self.lam, self.v_before, self.active),
+            self.dv,
+        )
+        launch(add_corrections, len(self.dv), None, self.dv, context.state.v)
+
+
+def room_for_contacts(particle_count: int, max_contacts: int | None) -> int:
+    """How many contacts there can be in one step."""
+    return max_contacts or CONTACTS_PER_PARTICLE * particle_count + 64
+
+
+def neighbours(edge: np.ndarray, particle_count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Adjacency of a graph: the neighbours of i are neighbour[start[i]:start[i + 1]]."""
+    both = np.concatenate([edge, edge[:, ::-1]])
+    order = np.argsort(both[:, 0], kind="stable")
+    start = np.searchsorted(both[order, 0], np.arange(particle_count + 1))
+    return start, both[order, 1]

@@ -1,0 +1,18 @@
+"""How velocity becomes position and back. An integrator has `order`, `mean_gradient` (forces along the mean of the
+configurations before and after), the `stages` of its step, and for each of them `predict(stage)` (lines 5 and 7) and
+`update(stage)` (lines 12-15); `restart()` forgets the past."""
+
+from pbd_warp.step.integrators.bdf2 import BDF2
+from pbd_warp.step.integrators.midpoint import Midpoint
+from pbd_warp.step.integrators.midpoint4 import Midpoint4
+from pbd_warp.step.integrators.pbd import PBD
+
+Integrator = PBD | BDF2 | Midpoint
+INTEGRATORS: dict[str, type[PBD] | type[BDF2] | type[Midpoint]] = {
+    "pbd": PBD,
+    "bdf2": BDF2,
+    "midpoint": Midpoint,
+    "midpoint4": Midpoint4,
+}
+
+__all__ = ["BDF2", "INTEGRATORS", "PBD", "Integrator", "Midpoint", "Midpoint4"]

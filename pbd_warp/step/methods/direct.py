@@ -1,0 +1,325 @@
+"""Direct: Newton's method on all constraints of a graph at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
+
+import numpy as np
+import warp as wp
+
+from pbd_warp.errors import InputError
+from pbd_warp.kernels.newton import solve_pieces
+from pbd_warp.kernels.rows import add_corrections_to_both, forget_contacts, list_contacts, note_contacts
+from pbd_warp.model.constraints import DistanceSet, PointSet
+from pbd_warp.model.model import Model
+from pbd_warp.step.constraints.contact import ContactConstraints
+from pbd_warp.step.constraints.distance import LimitedLengths
+from pbd_warp.step.context import Context, Stage
+from pbd_warp.step.methods.iteration import check_iterations
+from pbd_warp.step.methods.schedule import Schedule, schedule
+
+TOLERANCE = {"float32": 1e-10, "float64": 4e-15}
+"""What is left of a length over its rest length, and of the balance over the forces, by default: round-off of what a
+step computes with, which is float64; in float32 as much as velocities, which are its displacements, can show."""
+
+ACCEPTED = {"float32": 1e-6, "float64": 1e-11}
+"""What still counts as converged where the iterations end above the tolerance."""
+
+PROXIMAL = 1e-9
+"""Of what moves both ends of a link: the compliance of a step of the proximal method; less in long pieces, and in such
+of unlike masses, which are softer than a link alone. The smaller it is, the more rounding leaves of the balance."""
+
+ELASTIC = 1e-12
+"""The same of links that have to give."""
+
+SOFTEST = 0.2
+"""How much of a particle's inertia the negative stiffness of its links that push may take away. Tried on straight ropes
+that are pushed together: 0 converges linearly, often too slowly; from 0.3 on it finds solutions of far more energy."""
+
+ROUNDS = 10
+"""Of contacts between particles that both move: a Jacobi sweep over them and a Newton solution each."""
+
+REACH = 0.5
+"""How far a link's ends may move apart in one iteration, over the mean length of the piece's links: beyond, directions
+are new ones and Newton's method goes astray."""
+
+
+@dataclass(frozen=True)
+class Direct:
+    """Newton's method with an elimination of each connected piece, on any graph (kernels/newton.py).
+
+    A path or a tree costs O(links), a net of k x k O(k^3). Particles may be fixed, grabbed or locked to points
+    anywhere; constraints may be redundant; those that contradict each other give as a rubber band would. Converges in a
+    handful of iterations whatever the length, mass ratio and step.
+
+    Args:
+        iterations: Newton iterations a substep at most.
+        tolerance: Stop when what is left of |C| and of the momentum balance, estimated from the step just made, is
+            under it [m]; None: when it is under 4e-15 of the link's length (in float32: 1e-10), and what ends under
+            1e-11 of it (1e-6) counts as converged.
+
+    Raises:
+        InputError: iterations < 1, tolerance <= 0; when bound to a simulation: a stiffness below 1.
+    """
+
+    name: ClassVar[str] = "direct"
+    remedy: ClassVar[str] = "use more substeps"
+
+    iterations: int = 60
+    tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        check_iterations(self.iterations, self.tolerance)
+
+    def valence(self, model: Model) -> np.ndarray:
+        """No mass is shared but among contacts."""
+        return np.zeros(model.particle_count, np.int32)
+
+    def bind(self, context: Context, contacts: ContactConstraints | None) -> DirectSolver:
+        return DirectSolver(self, context, contacts)
+
+
+class DirectSolver:
+    """Lines 9-11 on one model.
+
+    Attributes, of the last step and in kg m (times `Stage.compliance_scale` they are newtons), all float64 on the device:
+    lam [link_count]: of the distances in the order of `schedule.link`, negative where they pull. point_lam
+    [point_count]: of the point constraints, the force on the particle.
+    """
+
+    def __init__(self, method: Direct, context: Context, contacts: ContactConstraints | None):
+        self._context, self._contacts, self._method = context, contacts, method
+        model = context.model
+        _refuse(model)
+        edges, points = model.distance, model.point
+        alone = np.full(model.particle_count, contacts is not None)
+        alone[points.particle] = True
+        self.schedule = s = schedule(edges.edge, model.w > 0.0, alone)
+        self._schedule = [
+            context.upload(f"direct.{name}", getattr(s, name), wp.int32)
+            for name in (
+                *("piece_first", "particle", "column_first", "row", "row_first", "row_slot", "row_column"),
+                *("link_first", "other", "partner", "slot"),
+            )
+        ]
+        self._bind_lengths(edges, s)
+        self._bind_points(points, s)
+        self._touching: list[wp.array | None] = [None] * 9
+        if contacts:
+            self._bind_contacts(contacts)
+        tiles, links, slots, pieces = len(s.particle), len(s.link), len(s.row), len(s.piece_first) - 1
+        scratch = [("where", tiles, wp.int32), ("D", tiles, wp.mat33d), ("b", tiles, wp.vec3d)]
+        scratch += [("F", tiles, wp.mat33d), ("low", slots, wp.mat33d), ("up", slots, wp.mat33d)]
+        scratch += [("weight", tiles, wp.float64), ("free", tiles, wp.vec3d), ("move", tiles, wp.vec3d)]
+        scratch += [("start", links, wp.vec3d), ("before", links, wp.vec3d), ("fixed", links, wp.vec4d)]
+        scratch += [("normal", links, wp.vec3d), ("rest", links, wp.vec4d)]
+        self._scratch = [context.allocate(f"direct.{name}", count, dtype) for name, count, dtype in scratch]
+        self._base = context.allocate("direct.base", model.particle_count, context.vec3)
+        self.lam = context.allocate("direct.lam", links, wp.float64)
+        self.vector_lam = None
+        if np.any(edges.rest_length == 0.0):
+            self.vector_lam = context.allocate("direct.vector_lam", links, wp.vec3d)
+        self.point_lam = context.allocate("direct.point_lam", len(points), wp.vec3d)
+        self._shift = context.allocate("direct.shift", tiles, wp.vec3d)
+        self._gives = context.allocate("direct.gives", pieces, wp.int32)
+        self._strain = context.allocate("direct.strain", pieces, wp.float64)
+        self._force_scale = context.allocate("direct.force_scale", 1, context.real)
+        self._tolerance, self._relative = 0.0, TOLERANCE[model.dtype]
+        self._accepted = ACCEPTED[model.dtype] / TOLERANCE[model.dtype]
+        if method.tolerance is not None:
+            self._tolerance, self._relative, self._accepted = method.tolerance, 0.0, 1.0
+        self.counters = context.allocate("direct.counters", 2, wp.int32)
+
+    def _bind_lengths(self, edges: DistanceSet, s: Schedule) -> None:
+        context, model = self._context, self._context.model
+        edge, rest = edges.edge[s.link], edges.rest_length[s.link]
+        soft = edges.compliance[s.link] > 0.0
+        self._lengths = LimitedLengths(
+            context,
+            "direct",
+            context.upload("direct.edge", edge, wp.vec2i),
+            context.upload("direct.rest_length", rest),
+            soft,
+        )
+        self._compliance = None
+        if soft.any():
+            self._compliance = context.upload("direct.compliance", edges.compliance[s.link])
+        pieces = len(s.piece_first) - 1
+        piece = np.repeat(np.arange(pieces), np.diff(s.piece_first))  # of each tile
+        proximal = np.zeros(pieces)
+        for k, (begin, end) in enumerate(pairwise(s.piece_first)):
+            w = model.w[s.particle[begin:end]]
+            proximal[k] = PROXIMAL / (np.sqrt(w.max() / w.min()) * max(1.0, (end - begin) / 300.0))
+        proximal = np.maximum(proximal, ELASTIC / 10.0)
+        self._give = context.upload("direct.give", proximal[piece] * model.w[s.particle], wp.float64)
+        piece = np.repeat(piece, np.diff(s.link_first))  # of each link
+        weight = model.w[edge].sum(axis=1)
+        self._proximal = context.upload("direct.proximal", proximal[piece] * weight, wp.float64)
+        rated = rest > 0.0
+        count = np.maximum(np.bincount(piece, rated, pieces), 1)
+        mean = np.bincount(piece, rest, pieces) / count
+        self._mean_length = context.upload("direct.mean_length", mean, wp.float64)
+        # A rubber band's compliance goes with its length.
+        ratio = np.log(np.divide(weight, rest, out=np.ones_like(rest), where=rated))
+        mean = np.exp(np.bincount(piece, np.where(rated, ratio, 0.0), pieces) / count)
+        elastic = ELASTIC * np.where(rated, np.maximum(mean[piece] * rest, 0.01 * weight), weight)
+        self._elastic = context.upload("direct.elastic", elastic, wp.float64)
+        share = np.maximum(np.bincount(edges.edge.ravel(), minlength=model.particle_count) / 2.0, 1.0)
+        softest = -SOFTEST / (model.w * share)[edge].max(axis=1) if len(edge) else rest
+        self._softest = context.upload("direct.softest", softest, wp.float64)
+
+    def _bind_points(self, points: PointSet, s: Schedule) -> None:
+        context = self._context
+        self._point_first = self._point = self._point_compliance = None
+        if not len(points):
+            return
+        tile = s.tile[points.particle]
+        some = np.flatnonzero(tile >= 0)
+        point = some[np.argsort(tile[some], kind="stable")]
+        first = np.concatenate([[0], np.cumsum(np.bincount(tile[some], minlength=len(s.particle)))])
+        self._point_first = context.upload("direct.point_first", first, wp.int32)
+        self._point = context.upload("direct.point", point, wp.int32)
+        if np.any(points.compliance > 0.0):
+            self._point_compliance = context.upload("direct.point_compliance", points.compliance)
+
+    def _bind_contacts(self, contacts: ContactConstraints) -> None:
+        context = self._context
+        count = context.model.particle_count
+        some = [("head", count, wp.int32), ("following", contacts.capacity, wp.int32)]
+        some += [(name, contacts.capacity, wp.vec3d) for name in ("side", "contact_start", "led")]
+        some += [("surface", contacts.capacity, wp.vec4d), ("contact_lam", contacts.capacity, wp.float64)]
+        some += [("grip", contacts.capacity, wp.vec3d), ("status", contacts.capacity, wp.int32)]
+        self._touching = [context.allocate(f"direct.{name}", size, dtype) for name, size, dtype in some]
+        self._memory = context.allocate("direct.memory", (count, max(len(contacts.kind), 1)), wp.vec3d)
+        self._correction = context.allocate("direct.correction", count, context.vec3)
+
+    def restart(self) -> None:
+        """Forget the multipliers, which a step takes from the one before as a first guess."""
+        for array in (self.lam, self.vector_lam, self.point_lam, self._shift, self._gives):
+            if array is not None:
+                array.zero_()
+        if self._contacts:
+            self._memory.zero_()
+
+    def solve(self, stage: Stage) -> None:
+        context, contacts = self._context, self._contacts
+        context.launch.copy(self._base, context.u)
+        context.launch.copy(self._force_scale, stage.compliance_scale)
+        self._lengths.begin(stage)
+        if not contacts:
+            self._newton(stage, True)
+            return
+        contacts.begin(stage)
+        self._list_contacts(stage, contacts)
+        self._newton(stage, True)
+        if contacts.pairs:
+            for _ in range(ROUNDS):
+                contacts.project(stage, context.u, contacts.valence, 1.0, None, self._correction)
+                context.launch(add_corrections_to_both, len(context.u), self._correction, self._base, context.u)
+                self._newton(stage, False)
+        self._note_contacts(contacts)
+
+    def _newton(self, stage: Stage, first: bool) -> None:
+        context, method = self._context, self._method
+        context.launch(
+            solve_pieces,
+            len(self.schedule.piece_first) - 1,
+            *self._schedule,
+            *(self._lengths.now, self._compliance, self._proximal, self._elastic, self._softest, self._give),
+            *(self._mean_length, REACH),
+            *(self._point_first, self._point, context.point_target, self._point_compliance),
+            *self._touching,
+            *(context.state.x, context.w),
+            *(self._base, stage.compliance_scale, stage.mean_gradient, first, stage.lam_scale),
+            *(method.iterations, self._tolerance, self._relative, self._accepted, float(np.finfo(context.model.dtype).eps)),
+            *self._scratch,
+            *(self.lam, self.vector_lam, self.point_lam, self._shift, self._gives, self._strain),
+            *(context.u, self.counters[0:1], self.counters[1:2]),
+        )
+
+    def _list_contacts(self, stage: Stage, contacts: ContactConstraints) -> None:
+        context = self._context
+        context.launch(forget_contacts, context.model.particle_count, self._touching[0])
+        context.launch(
+            list_contacts,
+            contacts.capacity,
+            *(contacts.kind, contacts.centre, contacts.friction, contacts.collider_friction),
+            *(context.state.x, context.w, *contacts.found, contacts.radius, context.u, self._memory, stage.lam_scale),
+            *self._touching,
+        )
+
+    def _note_contacts(self, contacts: ContactConstraints) -> None:
+        context = self._context
+        _, _, side, start, led, surface, lam, grip, _ = self._touching
+        context.launch.zero(self._memory)
+        context.launch(
+            note_contacts,
+            contacts.capacity,
+            *(contacts.count, contacts.pair, lam, grip, side, start, led, surface, context.u),
+            *(contacts.lam, contacts.normal, self._memory),
+        )
+
+    def tension(self) -> np.ndarray:
+        """Force along each distance in the last step [N], pull positive, float64 [edge_count]; 0 between fixed
+        particles. Of a distance of rest length 0: its size."""
+        out = np.zeros(len(self._context.model.distance))
+        out[self.schedule.link] = -self.lam.numpy()
+        if self.vector_lam is not None:
+            out[self.schedule.link] += np.linalg.norm(self.vector_lam.numpy(), axis=1)
+        return out * self._newtons()
+
+    def point_reaction(self) -> np.ndarray:
+        """Force of each point constraint on its particle in the last step [N], float64 [point_count, 3]."""
+        return self.point_lam.numpy() * self._newtons()
+
+    def contact_force(self) -> np.ndarray:
+        """Force of colliders on each particle in the last step, friction included [N], float64 [particle_count, 3]."""
+        if not self._contacts:
+            return np.zeros((self._context.model.particle_count, 3))
+        return self._memory.numpy().sum(axis=1) * self._newtons()
+
+    def _newtons(self) -> float:
+        return float(self._force_scale.numpy()[0])
+
+
+def _refuse(model: Model) -> None:
+    if np.any(model.distance.stiffness < 1.0) or np.any(model.point.stiffness < 1.0):
+        raise InputError("method 'direct' solves exactly: soften with compliance instead of a stiffness below 1")
+
+
+def paths(edge: np.ndarray, locked: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A graph as paths: vertex [p] along all of them, first [paths + 1], link [p], the edge to the next vertex or -1.
+
+    Particles without an edge are left out, but for the `locked` ones. Raises an InputError for a graph that is no set
+    of paths.
+    """
+    count = int(max(edge.max(initial=-1), locked.max(initial=-1))) + 1
+    degree = np.bincount(edge.ravel(), minlength=count)
+    hint = "method 'direct' needs paths (ropes, chains); use 'jacobi' or 'gauss-seidel' for this graph"
+    if np.any(degree > 2):
+        raise InputError(f"particle {int(np.argmax(degree > 2))} has {degree.max()} distances: {hint}")
+    around: list[list[tuple[int, int]]] = [[] for _ in range(count)]
+    for number, (i, j) in enumerate(edge.tolist()):
+        around[i].append((j, number))
+        around[j].append((i, number))
+    vertex: list[int] = []
+    link: list[int] = []
+    first = [0]
+    done = np.zeros(count, bool)
+    for end in [*np.flatnonzero(degree == 1).tolist(), *locked[degree[locked] == 0].tolist()]:
+        if done[end]:
+            continue
+        at, came_by = end, -1
+        while at >= 0:
+            done[at] = True
+            vertex.append(at)
+            ahead = [(to, number) for to, number in around[at] if number != came_by]
+            at, came_by = ahead[0] if ahead else (-1, -1)
+            link.append(came_by)
+        first.append(len(vertex))
+    closed = np.flatnonzero((degree > 0) & ~done)
+    if closed.size:
+        raise InputError(f"particle {closed[0]} is part of a closed loop: {hint}")
+    return np.array(vertex, np.int32), np.array(first, np.int32), np.array(link, np.int32)

@@ -1,0 +1,296 @@
+"""Writes a simulation's frames as a USD animation."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, Vt
+
+from pbd_warp import check
+from pbd_warp.errors import InputError, SimulationFailed
+from pbd_warp.kernels.collider import SPHERE
+from pbd_warp.model.model import Colliders, Model, State
+from pbd_warp.usd.animation import Animation
+
+EXTENSIONS = (".usda", ".usdc", ".usd")
+
+PARTICLE_COLOUR = (0.85, 0.45, 0.2)
+FIXED_COLOUR = (0.15, 0.15, 0.2)
+ROPE_COLOUR = (0.25, 0.45, 0.75)
+COLLIDER_COLOUR = (0.55, 0.55, 0.55)
+
+SHOWN_WIDTH = 0.3
+"""Particles without a radius are drawn this wide, relative to the median link."""
+
+CAMERA_MARGIN = 1.15
+"""How much more than the motion the camera sees."""
+
+
+def check_path(path: str | os.PathLike[str]) -> Path:
+    """The path as one that a stage can be written to, or an InputError that says why it is none."""
+    out = Path(path)
+    if out.suffix not in EXTENSIONS:
+        raise InputError(f"{out} must end in one of {', '.join(EXTENSIONS)}, not in {out.suffix or 'nothing'!r}")
+    if out.is_dir():
+        raise InputError(f"{out} is a folder; name a file in it")
+    check.folder(out.parent)
+    return out
+
+
+class UsdWriter:
+    """Writes frames to a .usda, .usdc or .usd file; use it as a context manager.
+
+    Time code n is the n-th frame written, an integer. The file appears under its name when it is complete, whole
+    or not at all. After an exception (Ctrl-C included) the frames so far become a valid file too: under the
+    name asked for, or, where an older file stands there, beside it as `<stem>.partial<extension>`; an unfinished
+    file never replaces a finished one. What a killed process leaves has that name too (see
+    `pbd_warp.usd.animation.Animation`).
+
+    Args:
+        path: Where to. Its folder exists.
+        model: What the states belong to.
+        fps: Frames, and time codes, a second.
+        metadata: Provenance, kept as customLayerData: names to strings or numbers.
+        resume: Go on after so many frames of what lies on disk; frames beyond are dropped.
+
+    Attributes:
+        frames: Frames written so far.
+        saved: The path written in the end, None until then.
+
+    Raises:
+        InputError: an unknown extension, a folder that does not exist or cannot be written to, fps <= 0, fewer frames
+            on disk than `resume`, another process that is writing to the path.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        model: Model,
+        fps: float = 60.0,
+        metadata: Mapping[str, str | int | float] | None = None,
+        resume: int | None = None,
+    ):
+        self._path = check_path(path)
+        self._model = model
+
+        self._stage = stage = Usd.Stage.CreateInMemory()
+        fps = check.number("fps", fps, above=0.0)
+        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        stage.SetTimeCodesPerSecond(fps)
+        stage.SetFramesPerSecond(fps)
+        stage.SetStartTimeCode(0)
+        stage.SetEndTimeCode(0)
+        if metadata:
+            stage.GetRootLayer().customLayerData = dict(metadata)
+        world = UsdGeom.Xform.Define(stage, "/World")
+        Usd.ModelAPI(world).SetKind(Kind.Tokens.component)
+        stage.SetDefaultPrim(world.GetPrim())
+
+        width = shown_widths(model)
+        self._geometry = [self._define_points(width)]
+        loose = loose_edges(model)
+        if model.ropes:
+            self._geometry.append(self._define_curves("Ropes", list(model.ropes), width))
+        if np.any(loose):
+            self._geometry.append(self._define_curves("Edges", list(model.distance.edge[loose]), 0.5 * width))
+
+        attributes = [attribute for geometry in self._geometry for attribute in geometry.attributes]
+        self._surroundings = _Surroundings(stage, model.colliders)
+        self._animation = Animation(self._path, stage, attributes, resume, self._surroundings.define)
+        for extent in self._animation.values(self._geometry[0].extent):
+            self._surroundings.include(extent)
+
+    @property
+    def frames(self) -> int:
+        return self._animation.frames
+
+    @property
+    def saved(self) -> Path | None:
+        return self._animation.saved
+
+    def write(self, state: State) -> None:
+        """Write one frame.
+
+        Raises:
+            SimulationFailed: a position or velocity is not finite (extents would silently leave it out).
+        """
+        x, v = (np.ascontiguousarray(a.numpy(), dtype=np.float32) for a in (state.x, state.v))
+        if not (np.isfinite(x).all() and np.isfinite(v).all()):
+            raise SimulationFailed(f"frame {self.frames} is not finite and was not written to {self._path}")
+        everything = _usd_vectors(x), _usd_vectors(v)
+        values = [value for geometry in self._geometry for value in geometry.values(x, v, everything)]
+        self._surroundings.include(values[2])  # the extent of all particles
+        self._animation.write(values, self.frames)
+
+    def flush(self) -> None:
+        """Make the frames so far survive a kill; otherwise every 32 frames do.
+
+        Raises:
+            SimulationFailed: they could not be written.
+        """
+        self._animation.flush()
+
+    def close(self) -> None:
+        """Complete the file and put it under its name.
+
+        Raises:
+            SimulationFailed: it could not be written; the error says where the frames so far are.
+        """
+        self._animation.close()
+
+    def __enter__(self) -> UsdWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._animation.__exit__(kind, error, trace)
+
+    def _define_points(self, width: np.ndarray) -> _Geometry:
+        points = UsdGeom.Points.Define(self._stage, "/World/Particles")
+        n = self._model.particle_count
+        points.CreateIdsAttr(Vt.Int64Array.FromNumpy(np.arange(n)))
+        colour = np.where(self._model.w[:, None] > 0.0, PARTICLE_COLOUR, FIXED_COLOUR).astype(np.float32)
+        points.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(Vt.Vec3fArray.FromNumpy(colour))
+        points.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
+        return _Geometry(points, np.arange(n), width, n)
+
+    def _define_curves(self, name: str, chains: list[np.ndarray], width: np.ndarray) -> _Geometry:
+        curves = UsdGeom.BasisCurves.Define(self._stage, f"/World/{name}")
+        curves.CreateTypeAttr(UsdGeom.Tokens.linear)
+        curves.CreateWrapAttr(UsdGeom.Tokens.nonperiodic)
+        curves.CreateCurveVertexCountsAttr(Vt.IntArray([len(chain) for chain in chains]))
+        curves.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(*ROPE_COLOUR)])
+        curves.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
+        index = np.concatenate(chains)
+        return _Geometry(curves, index, width[index], self._model.particle_count)
+
+
+class _Surroundings:
+    """Colliders, camera and light, which depend on where the motion goes."""
+
+    def __init__(self, stage: Usd.Stage, colliders: Colliders):
+        self._stage = stage
+        self._colliders = colliders
+        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+
+    def include(self, extent: Vt.Vec3fArray) -> None:
+        """The motion goes here too."""
+        self._low = np.minimum(self._low, extent[0])
+        self._high = np.maximum(self._high, extent[1])
+
+    def define(self) -> None:
+        """Define them for the motion so far."""
+        if self._low[0] > self._high[0]:
+            return  # no frame yet, or those that are resumed are still to be read
+        for name in ("Colliders", "Camera", "Light"):
+            self._stage.RemovePrim(f"/World/{name}")
+        centre = 0.5 * (self._low + self._high)
+        # A single resting particle still has a surrounding.
+        size = np.maximum(self._high - self._low, 1e-3)
+        self._define_colliders(centre, float(2.0 * np.linalg.norm(size)))
+        self._define_camera(centre, size)
+        light = UsdLux.DistantLight.Define(self._stage, "/World/Light")
+        light.CreateIntensityAttr(3.0)
+        light.AddRotateXYZOp().Set(Gf.Vec3f(-40, 25, 0))
+
+    def _define_colliders(self, centre: np.ndarray, size: float) -> None:
+        c = self._colliders
+        if len(c.kind):
+            UsdGeom.Scope.Define(self._stage, "/World/Colliders")
+        for number, (kind, point, normal, radius) in enumerate(zip(c.kind, c.centre, c.normal, c.size, strict=True)):
+            gprim: UsdGeom.Gprim
+            if kind == SPHERE:
+                gprim = UsdGeom.Sphere.Define(self._stage, f"/World/Colliders/Sphere_{number}")
+                gprim.CreateRadiusAttr(float(radius))
+                gprim.AddTranslateOp().Set(Gf.Vec3d(*point))
+            else:
+                gprim = UsdGeom.Plane.Define(self._stage, f"/World/Colliders/Plane_{number}")
+                gprim.CreateAxisAttr(UsdGeom.Tokens.z)
+                gprim.CreateWidthAttr(size)
+                gprim.CreateLengthAttr(size)
+                # The part of the infinite plane that lies nearest to the motion.
+                foot = centre - normal * ((centre - point) @ normal)
+                gprim.AddTranslateOp().Set(Gf.Vec3d(*foot))
+                rotation = Gf.Rotation(Gf.Vec3d.ZAxis(), Gf.Vec3d(*normal))
+                gprim.AddOrientOp().Set(Gf.Quatf(rotation.GetQuat()))
+            gprim.CreateExtentAttr(UsdGeom.Boundable.ComputeExtentFromPlugins(gprim, Usd.TimeCode.Default()))
+            gprim.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(*COLLIDER_COLOUR)])
+
+    def _define_camera(self, centre: np.ndarray, size: np.ndarray) -> None:
+        """Face-on: looks along the axis in which the motion is flattest."""
+        camera = UsdGeom.Camera.Define(self._stage, "/World/Camera")
+        flat = flattest_axis(size)
+        right, up = ((2, 1), (0, 2), (0, 1))[flat]
+        half_width = 0.5 * camera.GetHorizontalApertureAttr().Get() / camera.GetFocalLengthAttr().Get()
+        half_height = 0.5 * camera.GetVerticalApertureAttr().Get() / camera.GetFocalLengthAttr().Get()
+        distance = CAMERA_MARGIN * 0.5 * max(size[right] / half_width, size[up] / half_height) + 0.5 * size[flat]
+        eye = centre.copy()
+        eye[flat] += distance
+        camera.CreateClippingRangeAttr(Gf.Vec2f(float(0.01 * distance), float(100.0 * distance)))
+        camera.AddTranslateOp().Set(Gf.Vec3d(*eye))
+        camera.AddRotateXYZOp().Set((Gf.Vec3f(0, 90, 0), Gf.Vec3f(-90, 0, 0), Gf.Vec3f(0, 0, 0))[flat])
+
+
+class _Geometry:
+    """A UsdGeom.Points or BasisCurves whose points are the particles of `index`."""
+
+    def __init__(
+        self, geometry: UsdGeom.Points | UsdGeom.BasisCurves, index: np.ndarray, width: np.ndarray, particles: int
+    ):
+        self._geometry = geometry
+        self._index = index
+        self._has_all = np.array_equal(index, np.arange(particles))  # in order: nothing to pick or to convert again
+        self._widths = Vt.FloatArray.FromNumpy(width.astype(np.float32))
+        geometry.CreateWidthsAttr(self._widths)
+        self.extent = geometry.CreateExtentAttr()
+        self.attributes = (geometry.CreatePointsAttr(), geometry.CreateVelocitiesAttr(), self.extent)
+
+    def values(self, x: np.ndarray, v: np.ndarray, everything: tuple[Vt.Vec3fArray, Vt.Vec3fArray]) -> list[Any]:
+        """What the attributes are in a frame; `everything` is x and v as arrays of USD."""
+        points, velocities = everything
+        if not self._has_all:
+            points, velocities = (_usd_vectors(a.take(self._index, axis=0)) for a in (x, v))
+        return [points, velocities, type(self._geometry).ComputeExtent(points, self._widths)]
+
+
+def _usd_vectors(rows: np.ndarray) -> Vt.Vec3fArray:
+    """A copy of contiguous float32 rows [n, 3], at once; Vec3fArray.FromNumpy takes 10 times as long."""
+    vectors = Vt.Vec3fArray(len(rows))
+    ctypes.memmove(np.asarray(vectors).ctypes.data, rows.ctypes.data, rows.nbytes)  # nothing else refers to it yet
+    return vectors
+
+
+def flattest_axis(size: np.ndarray) -> int:
+    """The axis to look along; of equal ones the later, so z before y before x. size: extents [3]."""
+    return 2 - int(np.argmin(size[::-1]))
+
+
+def loose_edges(model: Model) -> np.ndarray:
+    """Which distances are part of no rope, bool [edge_count]."""
+    if not model.ropes:
+        return np.ones(len(model.distance), bool)
+    return ~_rows_in(
+        model.distance.edge, np.concatenate([np.stack([rope[:-1], rope[1:]], axis=1) for rope in model.ropes])
+    )
+
+
+def shown_widths(model: Model) -> np.ndarray:
+    """Diameters [m], shape [particle_count]; particles without a radius get one that can be seen."""
+    rest = model.distance.rest_length
+    shown = SHOWN_WIDTH * float(np.median(rest)) if len(rest) else 0.0
+    return np.where(model.radius > 0.0, 2.0 * model.radius, shown or 0.01)
+
+
+def _rows_in(rows: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Which of `rows` [n, 2] are among `others` [m, 2], in either order of the two."""
+    key = np.int64(1) << 32
+    pack = [np.sort(r, axis=1).astype(np.int64) @ np.array([key, 1]) for r in (rows, others)]
+    return np.isin(pack[0], pack[1])
