@@ -8,8 +8,6 @@ link's block is K + g n^T / (a + e), on the diagonal of both ends and, negative,
 
 from __future__ import annotations
 
-from typing import Any
-
 import warp as wp
 
 TURN_OFF = wp.constant(0.5)
@@ -100,26 +98,6 @@ def link_step(
     off = weight * (turn * (pulled + turn * pull) + (row[3] + rounding) * far)
     error = wp.max(long / (tolerance + relative * L), off / (tolerance + relative * (L + weight * pull)))
     return lam + dlam, error
-
-
-@wp.func
-def point_now(
-    gone: wp.vec3d,
-    move: wp.vec3d,
-    k: wp.int32,
-    compliance: wp.array[Any],
-    soften: wp.float64,
-    mean_gradient: wp.bool,
-):
-    """How far a particle is from its point, and the compliance over the force scale; both doubled where C is a mean."""
-    away = gone + move
-    a = wp.float64(0.0)
-    if compliance:
-        a = wp.float64(compliance[k]) * soften
-    if mean_gradient and a > wp.float64(0.0):
-        away = away + gone
-        a = a + a
-    return away, a
 
 
 @wp.func

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import ClassVar
 
@@ -11,7 +11,8 @@ import warp as wp
 
 from pbd_warp.errors import InputError
 from pbd_warp.kernels.newton import solve_pieces
-from pbd_warp.kernels.rows import add_corrections_to_both, forget_contacts, list_contacts, note_contacts
+from pbd_warp.kernels import pieces
+from pbd_warp.kernels.touch import add_corrections_to_both, forget_contacts, list_contacts, note_contacts
 from pbd_warp.model.constraints import DistanceSet, PointSet
 from pbd_warp.model.model import Model
 from pbd_warp.step.constraints.contact import ContactConstraints
@@ -82,12 +83,7 @@ class Direct:
 
 
 class DirectSolver:
-    """Lines 9-11 on one model.
-
-    Attributes, of the last step and in kg m (times `Stage.compliance_scale` they are newtons), all float64 on the device:
-    lam [link_count]: of the distances in the order of `schedule.link`, negative where they pull. point_lam
-    [point_count]: of the point constraints, the force on the particle.
-    """
+    """Lines 9-11 on one model."""
 
     def __init__(self, method: Direct, context: Context, contacts: ContactConstraints | None):
         self._context, self._contacts, self._method = context, contacts, method
@@ -97,42 +93,37 @@ class DirectSolver:
         alone = np.full(model.particle_count, contacts is not None)
         alone[points.particle] = True
         self.schedule = s = schedule(edges.edge, model.w > 0.0, alone)
-        self._schedule = [
-            context.upload(f"direct.{name}", getattr(s, name), wp.int32)
-            for name in (
-                *("piece_first", "particle", "column_first", "row", "row_first", "row_slot", "row_column"),
-                *("link_first", "other", "partner", "slot"),
-            )
-        ]
-        self._bind_lengths(edges, s)
-        self._bind_points(points, s)
-        self._touching: list[wp.array | None] = [None] * 9
+        self._device_schedule = pieces.Schedule()
+        for field in fields(Schedule):
+            if field.name != "link" and field.name != "tile":
+                array = context.upload(f"direct.{field.name}", getattr(s, field.name), wp.int32)
+                setattr(self._device_schedule, field.name, array)
+        tiles, slots = len(s.particle), len(s.row)
+        self._matrix = pieces.Matrix()
+        for name, count, dtype in (
+            *(("D", tiles, wp.mat33d), ("F", tiles, wp.mat33d), ("low", slots, wp.mat33d), ("up", slots, wp.mat33d)),
+            *(("b", tiles, wp.vec3d), ("where", tiles, wp.int32)),
+        ):
+            setattr(self._matrix, name, context.allocate(f"direct.{name}", count, dtype))
+        self._particles, self._links = pieces.Particles(), pieces.Links()
+        self._bind_links(edges, s)
+        self._points = pieces.Points()
+        self._point_compliance = None
+        if len(points):
+            self._bind_points(points, s)
+        self._touching = pieces.Touching()
         if contacts:
             self._bind_contacts(contacts)
-        tiles, links, slots, pieces = len(s.particle), len(s.link), len(s.row), len(s.piece_first) - 1
-        scratch = [("where", tiles, wp.int32), ("D", tiles, wp.mat33d), ("b", tiles, wp.vec3d)]
-        scratch += [("F", tiles, wp.mat33d), ("low", slots, wp.mat33d), ("up", slots, wp.mat33d)]
-        scratch += [("weight", tiles, wp.float64), ("free", tiles, wp.vec3d), ("move", tiles, wp.vec3d)]
-        scratch += [("start", links, wp.vec3d), ("before", links, wp.vec3d), ("fixed", links, wp.vec4d)]
-        scratch += [("normal", links, wp.vec3d), ("rest", links, wp.vec4d)]
-        self._scratch = [context.allocate(f"direct.{name}", count, dtype) for name, count, dtype in scratch]
         self._base = context.allocate("direct.base", model.particle_count, context.vec3)
-        self.lam = context.allocate("direct.lam", links, wp.float64)
-        self.vector_lam = None
-        if np.any(edges.rest_length == 0.0):
-            self.vector_lam = context.allocate("direct.vector_lam", links, wp.vec3d)
-        self.point_lam = context.allocate("direct.point_lam", len(points), wp.vec3d)
-        self._shift = context.allocate("direct.shift", tiles, wp.vec3d)
-        self._gives = context.allocate("direct.gives", pieces, wp.int32)
-        self._strain = context.allocate("direct.strain", pieces, wp.float64)
         self._force_scale = context.allocate("direct.force_scale", 1, context.real)
+        self._round_off = float(np.finfo(model.dtype).eps)
         self._tolerance, self._relative = 0.0, TOLERANCE[model.dtype]
         self._accepted = ACCEPTED[model.dtype] / TOLERANCE[model.dtype]
         if method.tolerance is not None:
             self._tolerance, self._relative, self._accepted = method.tolerance, 0.0, 1.0
         self.counters = context.allocate("direct.counters", 2, wp.int32)
 
-    def _bind_lengths(self, edges: DistanceSet, s: Schedule) -> None:
+    def _bind_links(self, edges: DistanceSet, s: Schedule) -> None:
         context, model = self._context, self._context.model
         edge, rest = edges.edge[s.link], edges.rest_length[s.link]
         soft = edges.compliance[s.link] > 0.0
@@ -146,60 +137,72 @@ class DirectSolver:
         self._compliance = None
         if soft.any():
             self._compliance = context.upload("direct.compliance", edges.compliance[s.link])
-        pieces = len(s.piece_first) - 1
-        piece = np.repeat(np.arange(pieces), np.diff(s.piece_first))  # of each tile
-        proximal = np.zeros(pieces)
+        tiles, links, count = len(s.particle), len(s.link), len(s.piece_first) - 1
+        piece = np.repeat(np.arange(count), np.diff(s.piece_first))  # of each tile
+        proximal = np.zeros(count)
         for k, (begin, end) in enumerate(pairwise(s.piece_first)):
             w = model.w[s.particle[begin:end]]
             proximal[k] = PROXIMAL / (np.sqrt(w.max() / w.min()) * max(1.0, (end - begin) / 300.0))
         proximal = np.maximum(proximal, ELASTIC / 10.0)
-        self._give = context.upload("direct.give", proximal[piece] * model.w[s.particle], wp.float64)
+        p, l = self._particles, self._links
+        p.give = context.upload("direct.give", proximal[piece] * model.w[s.particle], wp.float64)
         piece = np.repeat(piece, np.diff(s.link_first))  # of each link
         weight = model.w[edge].sum(axis=1)
-        self._proximal = context.upload("direct.proximal", proximal[piece] * weight, wp.float64)
+        l.proximal = context.upload("direct.proximal", proximal[piece] * weight, wp.float64)
         rated = rest > 0.0
-        count = np.maximum(np.bincount(piece, rated, pieces), 1)
-        mean = np.bincount(piece, rest, pieces) / count
-        self._mean_length = context.upload("direct.mean_length", mean, wp.float64)
+        number = np.maximum(np.bincount(piece, rated, count), 1)
+        mean = np.bincount(piece, rest, count) / number
+        p.mean_length = context.upload("direct.mean_length", mean, wp.float64)
         # A rubber band's compliance goes with its length.
         ratio = np.log(np.divide(weight, rest, out=np.ones_like(rest), where=rated))
-        mean = np.exp(np.bincount(piece, np.where(rated, ratio, 0.0), pieces) / count)
+        mean = np.exp(np.bincount(piece, np.where(rated, ratio, 0.0), count) / number)
         elastic = ELASTIC * np.where(rated, np.maximum(mean[piece] * rest, 0.01 * weight), weight)
-        self._elastic = context.upload("direct.elastic", elastic, wp.float64)
+        l.elastic = context.upload("direct.elastic", elastic, wp.float64)
         share = np.maximum(np.bincount(edges.edge.ravel(), minlength=model.particle_count) / 2.0, 1.0)
         softest = -SOFTEST / (model.w * share)[edge].max(axis=1) if len(edge) else rest
-        self._softest = context.upload("direct.softest", softest, wp.float64)
+        l.softest = context.upload("direct.softest", softest, wp.float64)
+        for group, name, size, dtype in (
+            *((p, "weight", tiles, wp.float64), (p, "free", tiles, wp.vec3d), (p, "move", tiles, wp.vec3d)),
+            *((p, "shift", tiles, wp.vec3d), (p, "gives", count, wp.int32), (p, "strain", count, wp.float64)),
+            *((l, "fixed", links, wp.vec4d), (l, "before", links, wp.vec3d), (l, "start", links, wp.vec3d)),
+            *((l, "normal", links, wp.vec3d), (l, "row", links, wp.vec4d), (l, "lam", links, wp.float64)),
+        ):
+            setattr(group, name, context.allocate(f"direct.link_row" if name == "row" else f"direct.{name}", size, dtype))
+        if not rated.all():
+            l.vector_lam = context.allocate("direct.vector_lam", links, wp.vec3d)
 
     def _bind_points(self, points: PointSet, s: Schedule) -> None:
-        context = self._context
-        self._point_first = self._point = self._point_compliance = None
-        if not len(points):
-            return
+        context, p = self._context, self._points
         tile = s.tile[points.particle]
         some = np.flatnonzero(tile >= 0)
-        point = some[np.argsort(tile[some], kind="stable")]
+        which = some[np.argsort(tile[some], kind="stable")]
         first = np.concatenate([[0], np.cumsum(np.bincount(tile[some], minlength=len(s.particle)))])
-        self._point_first = context.upload("direct.point_first", first, wp.int32)
-        self._point = context.upload("direct.point", point, wp.int32)
+        p.first = context.upload("direct.point_first", first, wp.int32)
+        p.which = context.upload("direct.point", which, wp.int32)
+        p.gone = context.allocate("direct.point_gone", len(points), wp.vec3d)
+        p.soft = context.allocate("direct.point_soft", len(points), wp.float64)
+        p.lam = context.allocate("direct.point_lam", len(points), wp.vec3d)
         if np.any(points.compliance > 0.0):
             self._point_compliance = context.upload("direct.point_compliance", points.compliance)
 
     def _bind_contacts(self, contacts: ContactConstraints) -> None:
-        context = self._context
+        context, c, room = self._context, self._touching, contacts.capacity
         count = context.model.particle_count
-        some = [("head", count, wp.int32), ("following", contacts.capacity, wp.int32)]
-        some += [(name, contacts.capacity, wp.vec3d) for name in ("side", "contact_start", "led")]
-        some += [("surface", contacts.capacity, wp.vec4d), ("contact_lam", contacts.capacity, wp.float64)]
-        some += [("grip", contacts.capacity, wp.vec3d), ("status", contacts.capacity, wp.int32)]
-        self._touching = [context.allocate(f"direct.{name}", size, dtype) for name, size, dtype in some]
-        self._memory = context.allocate("direct.memory", (count, max(len(contacts.kind), 1)), wp.vec3d)
+        for name, size, dtype in (
+            *(("head", count, wp.int32), ("following", room, wp.int32), ("side", room, wp.vec3d)),
+            *(("start", room, wp.vec3d), ("led", room, wp.vec3d), ("surface", room, wp.vec4d)),
+            *(("lam", room, wp.float64), ("grip", room, wp.vec3d), ("status", room, wp.int32)),
+        ):
+            setattr(c, name, context.allocate(f"direct.contact_{name}", size, dtype))
+        self._memory = context.allocate("direct.contact_memory", (count, max(len(contacts.kind), 1)), wp.vec3d)
         self._correction = context.allocate("direct.correction", count, context.vec3)
 
     def restart(self) -> None:
         """Forget the multipliers, which a step takes from the one before as a first guess."""
-        for array in (self.lam, self.vector_lam, self.point_lam, self._shift, self._gives):
-            if array is not None:
+        for array in (self._links.lam, self._links.vector_lam, self._points.lam, self._particles.shift):
+            if array:
                 array.zero_()
+        self._particles.gives.zero_()
         if self._contacts:
             self._memory.zero_()
 
@@ -226,38 +229,33 @@ class DirectSolver:
         context.launch(
             solve_pieces,
             len(self.schedule.piece_first) - 1,
-            *self._schedule,
-            *(self._lengths.now, self._compliance, self._proximal, self._elastic, self._softest, self._give),
-            *(self._mean_length, REACH),
-            *(self._point_first, self._point, context.point_target, self._point_compliance),
-            *self._touching,
+            *(self._device_schedule, self._lengths.now, self._compliance),
+            *(context.point_target, self._point_compliance),
             *(context.state.x, context.w),
-            *(self._base, stage.compliance_scale, stage.mean_gradient, first, stage.lam_scale),
-            *(method.iterations, self._tolerance, self._relative, self._accepted, float(np.finfo(context.model.dtype).eps)),
-            *self._scratch,
-            *(self.lam, self.vector_lam, self.point_lam, self._shift, self._gives, self._strain),
+            *(self._base, stage.compliance_scale, stage.mean_gradient, first, stage.lam_scale, REACH),
+            *(method.iterations, self._tolerance, self._relative, self._accepted),
+            *(self._matrix, self._particles, self._links, self._points, self._touching),
             *(context.u, self.counters[0:1], self.counters[1:2]),
         )
 
     def _list_contacts(self, stage: Stage, contacts: ContactConstraints) -> None:
         context = self._context
-        context.launch(forget_contacts, context.model.particle_count, self._touching[0])
+        context.launch(forget_contacts, context.model.particle_count, self._touching.head)
         context.launch(
             list_contacts,
             contacts.capacity,
             *(contacts.kind, contacts.centre, contacts.friction, contacts.collider_friction),
-            *(context.state.x, context.w, *contacts.found, contacts.radius, context.u, self._memory, stage.lam_scale),
-            *self._touching,
+            *(context.state.x, context.w, *contacts.found, contacts.radius, context.u),
+            *(self._memory, stage.lam_scale, self._round_off, self._touching),
         )
 
     def _note_contacts(self, contacts: ContactConstraints) -> None:
         context = self._context
-        _, _, side, start, led, surface, lam, grip, _ = self._touching
         context.launch.zero(self._memory)
         context.launch(
             note_contacts,
             contacts.capacity,
-            *(contacts.count, contacts.pair, lam, grip, side, start, led, surface, context.u),
+            *(contacts.count, contacts.pair, self._touching, context.u),
             *(contacts.lam, contacts.normal, self._memory),
         )
 
@@ -265,14 +263,16 @@ class DirectSolver:
         """Force along each distance in the last step [N], pull positive, float64 [edge_count]; 0 between fixed
         particles. Of a distance of rest length 0: its size."""
         out = np.zeros(len(self._context.model.distance))
-        out[self.schedule.link] = -self.lam.numpy()
-        if self.vector_lam is not None:
-            out[self.schedule.link] += np.linalg.norm(self.vector_lam.numpy(), axis=1)
+        out[self.schedule.link] = -self._links.lam.numpy()
+        if self._links.vector_lam:
+            out[self.schedule.link] += np.linalg.norm(self._links.vector_lam.numpy(), axis=1)
         return out * self._newtons()
 
     def point_reaction(self) -> np.ndarray:
         """Force of each point constraint on its particle in the last step [N], float64 [point_count, 3]."""
-        return self.point_lam.numpy() * self._newtons()
+        if not self._points.first:
+            return np.zeros((0, 3))
+        return self._points.lam.numpy() * self._newtons()
 
     def contact_force(self) -> np.ndarray:
         """Force of colliders on each particle in the last step, friction included [N], float64 [particle_count, 3]."""

@@ -18,6 +18,7 @@ import warp as wp
 
 from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.kernels.contact import friction_of
+from pbd_warp.kernels.pieces import Touching
 from pbd_warp.kernels.precision import Real, Vec3, kernel
 
 OPEN = wp.constant(0)
@@ -64,22 +65,15 @@ def list_contacts(
     u: wp.array[Vec3],  # [particle_count]
     memory: wp.array2d[wp.vec3d],  # [particle_count, collider_count] force of the step before [kg m]
     lam_scale: wp.float64,
+    round_off: wp.float64,  # of positions, relative
     # Out:
-    head: wp.array[wp.int32],  # [particle_count] first of its contacts, or NONE
-    following: wp.array[wp.int32],  # [capacity] next contact of the same particle
-    side: wp.array[wp.vec3d],  # [capacity] normal as found, out of what is fixed; 0: round
-    start: wp.array[wp.vec3d],  # [capacity] from the centre of what is round, its displacement taken off [m]
-    led: wp.array[wp.vec3d],  # [capacity] displacement of what is fixed or led [m]
-    surface: wp.array[wp.vec4d],  # [capacity] gap at the start, radius (negative: flat), friction
-    lam: wp.array[wp.float64],  # [capacity] [kg m]
-    grip: wp.array[wp.vec3d],  # [capacity] friction force [kg m]
-    status: wp.array[wp.int32],  # [capacity] OPEN, STICKS or SLIDES
+    c: Touching,
 ):
     """Contacts with what is fixed or led, as a list for each particle; the force of the step before is the guess."""
     k = wp.tid()
-    status[k] = OPEN
-    lam[k] = wp.float64(0.0)
-    grip[k] = wp.vec3d()
+    c.status[k] = OPEN
+    c.lam[k] = wp.float64(0.0)
+    c.grip[k] = wp.vec3d()
     if k >= wp.min(count[0], pair.shape[0]):
         return
     i = pair[k][0]
@@ -105,24 +99,26 @@ def list_contacts(
         if wp.dot(n, n) > wp.float64(0.0):
             curved = wp.dot(n, away) - wp.float64(gap[k])
     else:
-        c = -1 - j
-        if collider_kind[c] == SPHERE:
-            away = double(x[i]) - double(collider_centre[c])
+        q = -1 - j
+        if collider_kind[q] == SPHERE:
+            away = double(x[i]) - double(collider_centre[q])
             curved = wp.dot(n, away) - wp.float64(gap[k])
-        force = lam_scale * memory[i, c]
+        force = lam_scale * memory[i, q]
         push = wp.dot(n, force)
         if push > wp.float64(0.0):
             hold = force - push * n
-            lam[k] = push
-            grip[k] = hold
-            status[k] = STICKS
+            c.lam[k] = push
+            c.grip[k] = hold
+            c.status[k] = STICKS
             if wp.length(hold) >= wp.float64(0.999999) * mu * push:
-                status[k] = SLIDES
-    side[k] = n
-    led[k] = moved
-    start[k] = away - moved
-    surface[k] = wp.vec4d(wp.float64(gap[k]), curved, mu, wp.float64(0.0))
-    following[k] = wp.atomic_exch(head, i, k)
+                c.status[k] = SLIDES
+    c.side[k] = n
+    c.led[k] = moved
+    c.start[k] = away - moved
+    c.surface[k] = wp.vec4d(
+        wp.float64(gap[k]), curved, mu, wp.float64(4.0) * round_off * wp.length(double(x[i]))
+    )
+    c.following[k] = wp.atomic_exch(c.head, i, k)
 
 
 @wp.func
@@ -234,12 +230,7 @@ def note_contacts(
     # In:
     count: wp.array[wp.int32],  # [1]
     pair: wp.array[wp.vec2i],  # [capacity]
-    contact_lam: wp.array[wp.float64],
-    grip: wp.array[wp.vec3d],
-    side: wp.array[wp.vec3d],
-    start: wp.array[wp.vec3d],
-    led: wp.array[wp.vec3d],
-    surface: wp.array[wp.vec4d],
+    c: Touching,
     u: wp.array[Vec3],
     # Out:
     lam: wp.array[Real],  # [capacity] for line 16
@@ -247,17 +238,17 @@ def note_contacts(
     memory: wp.array2d[wp.vec3d],  # [particle_count, collider_count] zero before
 ):
     k = wp.tid()
-    if k >= wp.min(count[0], pair.shape[0]) or contact_lam[k] == wp.float64(0.0):
+    if k >= wp.min(count[0], pair.shape[0]) or c.lam[k] == wp.float64(0.0):
         return
     i = pair[k][0]
     j = pair[k][1]
-    lam[k] = Real(contact_lam[k])
+    lam[k] = Real(c.lam[k])
     if j < 0:
         move = double(u[i])
-        gap, n, curvature = gap_now(move, side[k], start[k], led[k], surface[k])
-        memory[i, -1 - j] = memory[i, -1 - j] + contact_lam[k] * n + grip[k]
+        gap, n, curvature = gap_now(move, c.side[k], c.start[k], c.led[k], c.surface[k])
+        memory[i, -1 - j] = memory[i, -1 - j] + c.lam[k] * n + c.grip[k]
         if curvature > wp.float64(0.0):
-            n = wp.normalize(start[k] + wp.float64(0.5) * move)
+            n = wp.normalize(c.start[k] + wp.float64(0.5) * move)
             normal[k] = Vec3(Real(n[0]), Real(n[1]), Real(n[2]))
 
 
