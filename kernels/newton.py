@@ -32,16 +32,7 @@ import warp as wp
 from pbd_warp.kernels.link_row import SHORT
 from pbd_warp.kernels.pieces import Links, Matrix, Particles, Points, Schedule, Touching
 from pbd_warp.kernels.precision import Real, Vec3, kernel
-from pbd_warp.kernels.tile import (
-    contact_rows,
-    contact_steps,
-    eliminate,
-    link_rows,
-    link_steps,
-    point_rows,
-    point_steps,
-    solution,
-)
+from pbd_warp.kernels.passes import back_pass, forward_pass
 from pbd_warp.kernels.touch import double
 
 PATIENCE = wp.constant(10)
@@ -165,56 +156,17 @@ def solve_pieces(
         used = used + 1
         lagging = (used / LAG) % 2 == 1
 
-        for t in range(begin, end):
-            for k in range(s.column_first[t], s.column_first[t + 1]):
-                m.low[k] = wp.mat33d()
-                m.up[k] = wp.mat33d()
-                m.where[s.row[k]] = k
-            A, z = link_rows(t, s, m, p, l, rigid, mean_gradient, wp.float64(SHORT) * mean_length)
-            if p.weight[t] == zero:
-                m.b[t] = wp.vec3d()
-                m.F[t] = wp.mat33d()
-            else:
-                slides = bool(False)
-                inertia = one / p.weight[t]
-                z = z - inertia * (p.move[t] - p.free[t])
-                if points.first:
-                    stiffness, pull = point_rows(t, p, points, rigid)
-                    inertia = inertia + stiffness
-                    z = z + pull
-                A = A + inertia * wp.identity(3, dtype=wp.float64)
-                if c.head:
-                    M, push, sliding = contact_rows(t, s, p, c, touch, lagging)
-                    A = A + M
-                    z = z + push
-                    slides = sliding
-                eliminate(t, s, m, A, z, slides)
-
-        # Back. What is left after a Newton step is of second order in it, so the step itself tells.
-        error = zero
-        widest = zero
-        gave = zero
-        switched = bool(False)
+        forward_pass(
+            begin, end, s, m, p, l, points, c, rigid, mean_gradient, wp.float64(SHORT) * mean_length, touch, lagging
+        )
+        left, widest, gave, switched, touches = back_pass(
+            begin, end, s, m, p, l, points, c, rigid, mean_gradient, touch, mean_length,
+            tolerance, relative, wp.float64(SLACK) * relative,
+        )  # fmt: skip
+        error = left
         patience = int(PATIENCE)
-        for o in range(end - begin):
-            t = end - 1 - o
-            p.move[t] = p.move[t] + solution(t, s, m)
-            left, wide, give = link_steps(t, s, m, p, l, rigid, mean_gradient, mean_length, tolerance, relative)
-            error = wp.max(error, left)
-            widest = wp.max(widest, wide)
-            gave = wp.max(gave, give)
-            if points.first:
-                if p.weight[t] > zero:
-                    point_steps(t, p, points, rigid)
-            if c.head:
-                if p.weight[t] > zero:
-                    size = wp.max(mean_length, wp.length(p.free[t]))
-                    loose = wp.float64(SLACK) * relative
-                    left, changed, touches = contact_steps(t, s, m, p, c, touch, size, tolerance, loose)
-                    error = wp.max(error, left)
-                    switched = switched or changed
-                    if touches:
-                        patience = TOUCHING
+        if touches:
+            patience = TOUCHING
         back_off = zero
         if widest > reach:
             back_off = one - reach / widest
