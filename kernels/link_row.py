@@ -26,7 +26,7 @@ def link_row(
     a: wp.float64,  # compliance over the force scale
     before_length: wp.float64,
     lam: wp.float64,
-    proximal: wp.float64,
+    firm: wp.float64,  # 1 / (a + e) of a rigid link
     elastic: wp.float64,  # 0: rigid
     softest: wp.float64,
     short: wp.float64,  # [m]
@@ -41,10 +41,12 @@ def link_row(
     length = wp.length(d)
     c = length - L
     n = wp.vec3d(one, zero, zero)
+    turning = one / wp.max(length, tiny)
     if length > zero:
-        n = d / length
+        n = d * turning
     g = n
-    turning = one / wp.max(length, wp.max(half * L, tiny))
+    if length < half * L:
+        turning = one / (half * L)
     kappa = -lam * turning
     if mean_gradient:
         both = one / wp.max(length + before_length, tiny)
@@ -57,9 +59,11 @@ def link_row(
     if kappa < softest:
         cut = softest - kappa
         kappa = softest
-    a = a + elastic
+    e = firm
+    if elastic > zero:
+        a = a + elastic
+        e = one / a
     c = c + a * lam
-    e = one / wp.max(a, proximal)
     if L < short and length - L > wp.float64(TURN_OFF) * L:
         return e * identity, -e * d, n, wp.vec4d(c, e, turning, -one)
     return kappa * identity + (e - kappa) * wp.outer(g, n), (lam - c * e) * g, n, wp.vec4d(c, e, turning, cut)
@@ -68,36 +72,30 @@ def link_row(
 @wp.func
 def link_step(
     apart: wp.vec3d,  # du of one end less that of the other [m]
-    d: wp.vec3d,  # after the step
     n: wp.vec3d,
     row: wp.vec4d,
     fixed: wp.vec4d,  # rest length, a, |d_0|, w_i + w_j
     lam: wp.float64,
-    elastic: wp.float64,
-    mean_gradient: wp.bool,
+    proximal: wp.float64,  # e
     tolerance: wp.float64,
     relative: wp.float64,
 ):
-    """lam after the step, and what is left of length and balance over what is tolerated. Newton's step leaves what is of
+    """lam after the step, what is left of length and balance over what is tolerated, and how far the ends moved apart. Newton's step leaves what is of
     second order in it; besides, what the proximal compliance did not take, what a cut kappa did not see, and rounding."""
     L = fixed[0]
-    if row[3] < wp.float64(0.0):
-        return -row[1] * wp.length(d), wp.float64(wp.inf)
     dlam = -(row[0] + wp.dot(n, apart)) * row[1]
     far = wp.length(apart)
     turn = far * row[2]
-    a = fixed[1]
-    if mean_gradient:
-        a = a + a
-    a = a + elastic
     pulled = wp.abs(dlam)
     pull = wp.abs(lam)
     weight = fixed[3]
-    long = wp.float64(0.5) * far * turn + wp.max(wp.float64(1.0) / row[1] - a, wp.float64(0.0)) * pulled
+    long = wp.float64(0.5) * far * turn + proximal * pulled
     rounding = wp.float64(1.0e-16) * row[1]
     off = weight * (turn * (pulled + turn * pull) + (row[3] + rounding) * far)
-    error = wp.max(long / (tolerance + relative * L), off / (tolerance + relative * (L + weight * pull)))
-    return lam + dlam, error
+    of_length = wp.max(tolerance + relative * L, wp.float64(1.0e-150))
+    of_force = of_length + relative * (weight * pull)
+    error = wp.max(long * of_force, off * of_length) / (of_length * of_force)
+    return lam + dlam, error, far
 
 
 @wp.func

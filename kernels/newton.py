@@ -112,6 +112,9 @@ def solve_pieces(
     for t in range(begin, end):
         i = s.particle[t]
         p.weight[t] = wp.float64(w[i])
+        p.mass[t] = zero
+        if p.weight[t] > zero:
+            p.mass[t] = one / p.weight[t]
         p.free[t] = double(base[i])
         p.move[t] = double(u[i])
         if first and p.weight[t] > zero:
@@ -128,6 +131,12 @@ def solve_pieces(
             soft = zero
             if compliance:
                 soft = wp.float64(compliance[q]) * soften
+            doubled = soft
+            if mean_gradient:
+                doubled = soft + soft
+            steadies = wp.max(l.proximal[q] - doubled, zero)
+            l.steadies[q] = steadies
+            l.firm[q] = one / (doubled + steadies)
             l.fixed[q] = wp.vec4d(wp.float64(rest_length[q]), soft, wp.length(d), mobility)
             l.lam[q] = l.lam[q] * scale
             if l.vector_lam:
@@ -167,6 +176,8 @@ def solve_pieces(
         patience = int(PATIENCE)
         if touches:
             patience = TOUCHING
+        if not wp.isfinite(m.b[begin]):  # the last that is found: all that is not finite arrives there
+            error = wp.float64(wp.inf)
         back_off = zero
         if widest > reach:
             back_off = one - reach / widest

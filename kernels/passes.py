@@ -81,9 +81,10 @@ def forward_pass(
     identity = wp.identity(3, dtype=wp.float64)
     for t in range(begin, end):
         for k in range(s.column_first[t], s.column_first[t + 1]):
-            m.low[k] = wp.mat33d()
-            m.up[k] = wp.mat33d()
             m.where[s.row[k]] = k
+            if s.filled[k] == 1:
+                m.low[k] = wp.mat33d()
+                m.up[k] = wp.mat33d()
         weight = p.weight[t]
         here = p.move[t]
         A = m.D[t]
@@ -96,16 +97,14 @@ def forward_pass(
                 d = d - p.move[r]
             f = l.fixed[q]
             yields = zero
-            steadies = l.proximal[q]
             if not rigid:
                 yields = l.elastic[q]
-                steadies = zero
             if f[0] > zero:
                 before = d
                 if mean_gradient:
                     before = l.before[q]
                 M, force, n, row = link_row(
-                    d, before, f[0], f[1], f[2], l.lam[q], steadies, yields, l.softest[q], short, mean_gradient
+                    d, before, f[0], f[1], f[2], l.lam[q], l.firm[q], yields, l.softest[q], short, mean_gradient
                 )
                 l.normal[q] = n
                 l.row[q] = row
@@ -114,6 +113,9 @@ def forward_pass(
                 if mean_gradient and f[1] > zero:
                     d = d + l.before[q]
                     soft = soft + f[1]
+                steadies = l.proximal[q]
+                if not rigid:
+                    steadies = zero
                 e, force = point_row(d, l.vector_lam[q], soft, steadies)
                 M = e * identity
             A = A + M
@@ -121,15 +123,20 @@ def forward_pass(
             if r >= 0:
                 m.D[r] = m.D[r] + M
                 m.b[r] = m.b[r] - force
-                if weight > zero and p.weight[r] > zero:
-                    k = s.slot[q]
+                if weight == zero or p.weight[r] == zero:
+                    M = wp.mat33d()
+                k = s.slot[q]
+                if s.fresh[q] == 1:
+                    m.low[k] = -M
+                    m.up[k] = -M
+                else:
                     m.low[k] = m.low[k] - M
                     m.up[k] = m.up[k] - M
         if weight == zero:
             m.b[t] = wp.vec3d()
             m.F[t] = wp.mat33d()
         else:
-            inertia = one / weight
+            inertia = p.mass[t]
             z = z - inertia * (here - p.free[t])
             slides = bool(False)
             if points.first:
@@ -248,6 +255,7 @@ def back_pass(
     gave = zero
     switched = bool(False)
     touches = bool(False)
+    per_length = one / mean_length
     for o in range(end - begin):
         t = end - 1 - o
         z = m.b[t]
@@ -260,18 +268,25 @@ def back_pass(
         for q in range(s.link_first[t], s.link_first[t + 1]):
             r = s.other[q]
             apart = du
-            d = l.start[q] + here
             if r >= 0:
                 apart = apart - m.b[r]
-                d = d - p.move[r]
             f = l.fixed[q]
-            yields = zero
+            row = l.row[q]
+            steadies = l.steadies[q]
             if not rigid:
-                yields = l.elastic[q]
-            if f[0] == zero:
+                steadies = zero
+            if f[0] == zero or row[3] < zero:
+                d = l.start[q] + here
+                if r >= 0:
+                    d = d - p.move[r]
+                if f[0] > zero:  # a point for this iteration
+                    l.lam[q] = -row[1] * wp.length(d)
+                    error = wp.float64(wp.inf)
+                    continue
+                soft = f[1]
                 steadies = l.proximal[q]
-                soft = f[1] + yields
                 if not rigid:
+                    soft = soft + l.elastic[q]
                     steadies = zero
                 if mean_gradient and f[1] > zero:
                     d = d + l.before[q]
@@ -281,16 +296,13 @@ def back_pass(
                 error = wp.max(error, left / (tolerance + relative * mean_length))
                 l.vector_lam[q] = pull
             elif f[3] > zero:
-                row = l.row[q]
-                lam, left = link_step(
-                    apart, d, l.normal[q], row, f, l.lam[q], yields, mean_gradient, tolerance, relative
-                )
+                lam, left, far = link_step(apart, l.normal[q], row, f, l.lam[q], steadies, tolerance, relative)
                 l.lam[q] = lam
                 error = wp.max(error, left)
                 # 1 / |d| is in the row.
-                far = wp.length(apart)
-                widest = wp.max(widest, wp.min(far * row[2], far / mean_length))
-                gave = wp.max(gave, yields * wp.abs(lam) / f[0])
+                widest = wp.max(widest, far * wp.min(row[2], per_length))
+                if not rigid:
+                    gave = wp.max(gave, l.elastic[q] * wp.abs(lam) / f[0])
         if p.weight[t] > zero:
             if points.first:
                 point_steps(t, p, points, rigid)

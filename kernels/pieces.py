@@ -20,6 +20,8 @@ class Schedule:
     other: wp.array[wp.int32]  # [link_count] tile at the other end, -1: fixed
     partner: wp.array[wp.int32]  # [link_count] particle at the other end
     slot: wp.array[wp.int32]  # [link_count] of the tile where both ends meet, -1: none
+    fresh: wp.array[wp.int32]  # [link_count] 1: the first link of its slot
+    filled: wp.array[wp.int32]  # [slot_count] 1: no link has this slot
 
 
 @wp.struct
@@ -41,6 +43,7 @@ class Particles:
     give: wp.array[wp.float64]  # [tile_count] proximal compliance of points [1/kg]
     mean_length: wp.array[wp.float64]  # [piece_count] of a piece's links [m]
     weight: wp.array[wp.float64]  # [tile_count] inverse mass now, 0: held [1/kg]
+    mass: wp.array[wp.float64]  # [tile_count] its inverse, 0: held [kg]
     free: wp.array[wp.vec3d]  # [tile_count] displacement without constraints [m]
     move: wp.array[wp.vec3d]  # [tile_count] displacement u [m]
     shift: wp.array[wp.vec3d]  # [tile_count] what constraints moved in the step before, and now [m]
@@ -55,6 +58,8 @@ class Links:
     proximal: wp.array[wp.float64]  # [link_count] compliance in the matrix alone [1/kg]
     elastic: wp.array[wp.float64]  # [link_count] compliance of links that have to give [1/kg]
     softest: wp.array[wp.float64]  # [link_count] the most negative kappa [kg]
+    firm: wp.array[wp.float64]  # [link_count] 1 / the compliance in the matrix, of a rigid link [kg]
+    steadies: wp.array[wp.float64]  # [link_count] the part of it that is proximal [1/kg]
     fixed: wp.array[wp.vec4d]  # [link_count] rest length, compliance over the force scale, |d_0|, w_i + w_j
     before: wp.array[wp.vec3d]  # [link_count] d_0 [m]
     start: wp.array[wp.vec3d]  # [link_count] d_0, less the displacement of an end that is fixed [m]

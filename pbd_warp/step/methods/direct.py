@@ -162,9 +162,10 @@ class DirectSolver:
         softest = -SOFTEST / (model.w * share)[edge].max(axis=1) if len(edge) else rest
         l.softest = context.upload("direct.softest", softest, wp.float64)
         for group, name, size, dtype in (
-            *((p, "weight", tiles, wp.float64), (p, "free", tiles, wp.vec3d), (p, "move", tiles, wp.vec3d)),
+            *((p, "weight", tiles, wp.float64), (p, "mass", tiles, wp.float64), (p, "free", tiles, wp.vec3d), (p, "move", tiles, wp.vec3d)),
             *((p, "shift", tiles, wp.vec3d), (p, "gives", count, wp.int32), (p, "strain", count, wp.float64)),
-            *((l, "fixed", links, wp.vec4d), (l, "before", links, wp.vec3d), (l, "start", links, wp.vec3d)),
+            *((l, "firm", links, wp.float64), (l, "steadies", links, wp.float64), (l, "fixed", links, wp.vec4d)),
+            *((l, "before", links, wp.vec3d), (l, "start", links, wp.vec3d)),
             *((l, "normal", links, wp.vec3d), (l, "row", links, wp.vec4d), (l, "lam", links, wp.float64)),
         ):
             setattr(group, name, context.allocate(f"direct.link_row" if name == "row" else f"direct.{name}", size, dtype))

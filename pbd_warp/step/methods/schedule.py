@@ -25,6 +25,7 @@ class Schedule:
     row_first [tile_count + 1], row_slot, row_column: the same row by row: place in `row`, column.
     link_first [tile_count + 1]: where the links begin that a tile brings in: those to later tiles and to what is fixed.
     link: number of the edge. other: tile at its other end, -1: fixed. partner: particle there. slot: place in `row`, -1.
+    fresh [link_count]: 1 where a link is the first of its slot. filled [tiles below the diagonal]: 1 where none is.
     """
 
     particle: np.ndarray
@@ -40,6 +41,8 @@ class Schedule:
     other: np.ndarray
     partner: np.ndarray
     slot: np.ndarray
+    fresh: np.ndarray
+    filled: np.ndarray
 
 
 def schedule(edge: np.ndarray, free: np.ndarray, alone: np.ndarray) -> Schedule:
@@ -74,6 +77,11 @@ def schedule(edge: np.ndarray, free: np.ndarray, alone: np.ndarray) -> Schedule:
     by_tile = np.argsort(ends[:, 0], kind="stable")
     own, other = ends[by_tile].T
     slot = np.where(other >= 0, np.searchsorted(column * n + row, own * n + other), -1)
+    taken, first = np.unique(slot, return_index=True)
+    fresh = np.zeros(len(slot), int)
+    fresh[first[taken >= 0]] = 1
+    filled = np.ones(len(row), int)
+    filled[taken[taken >= 0]] = 0
     return Schedule(
         particle=order,
         tile=tile,
@@ -88,6 +96,8 @@ def schedule(edge: np.ndarray, free: np.ndarray, alone: np.ndarray) -> Schedule:
         other=other,
         partner=partner[by_tile],
         slot=slot,
+        fresh=fresh,
+        filled=filled,
     )
 
 
