@@ -35,7 +35,7 @@ from pbd_warp.kernels.precision import Real, Vec3, kernel
 from pbd_warp.kernels.passes import back_pass, forward_pass
 from pbd_warp.kernels.touch import double
 
-PATIENCE = wp.constant(10)
+PATIENCE = wp.constant(20)
 """Iterations in which rigid links converge, or the piece is taken for one that has to give."""
 
 TOUCHING = wp.constant(40)
@@ -43,6 +43,10 @@ TOUCHING = wp.constant(40)
 
 POLISH = wp.constant(3)
 """Iterations in which rigid links converge from where elastic ones did, if they ever do."""
+
+TAUT = wp.constant(1.0e-8)
+"""How far links may give in a converged step of an integrator that keeps energy, unless they were as long at its start:
+what they take up is lost."""
 
 AGAIN = wp.constant(16)
 """Steps of elastic links after which rigid ones are tried again, or where they stretch a quarter of what they did."""
@@ -160,6 +164,7 @@ def solve_pieces(
     began = int(0)
     used = int(0)
     error = zero
+    gave = zero
     touch = wp.float64(TOUCH)
     while used < iterations and not done:
         used = used + 1
@@ -168,11 +173,12 @@ def solve_pieces(
         forward_pass(
             begin, end, s, m, p, l, points, c, rigid, mean_gradient, wp.float64(SHORT) * mean_length, touch, lagging
         )
-        left, widest, gave, switched, touches = back_pass(
+        left, widest, given, switched, touches = back_pass(
             begin, end, s, m, p, l, points, c, rigid, mean_gradient, touch, mean_length,
             tolerance, relative, wp.float64(SLACK) * relative,
         )  # fmt: skip
         error = left
+        gave = given
         patience = int(PATIENCE)
         if touches:
             patience = TOUCHING
@@ -214,6 +220,12 @@ def solve_pieces(
             p.gives[piece] = wp.max(p.gives[piece], 1)
             began = used
 
+    if mean_gradient and not rigid and gave > wp.float64(TAUT):
+        longest = zero
+        for q in range(s.link_first[begin], s.link_first[end]):
+            longest = wp.max(longest, l.fixed[q][2] / wp.max(l.fixed[q][0], wp.float64(1.0e-300)) - one)
+        if gave > wp.float64(2.0) * longest:
+            error = wp.float64(wp.inf)
     for t in range(begin, end):
         p.shift[t] = p.move[t] - p.free[t]
         u[s.particle[t]] = Vec3(Real(p.move[t][0]), Real(p.move[t][1]), Real(p.move[t][2]))

@@ -68,7 +68,7 @@ class Direct:
     name: ClassVar[str] = "direct"
     remedy: ClassVar[str] = "use more substeps"
 
-    iterations: int = 60
+    iterations: int = 100
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
