@@ -41,10 +41,10 @@ PATIENCE = wp.constant(20)
 TOUCHING = wp.constant(40)
 """The same of pieces that touch something."""
 
-POLISH = wp.constant(3)
+POLISH = wp.constant(6)
 """Iterations in which rigid links converge from where elastic ones did, if they ever do."""
 
-TAUT = wp.constant(1.0e-8)
+TAUT = wp.constant(1.0e-10)
 """How far links may give in a converged step of an integrator that keeps energy, unless they were as long at its start:
 what they take up is lost."""
 
