@@ -93,7 +93,7 @@ def link_step(
     rounding = wp.float64(1.0e-16) * row[1]
     off = weight * (turn * (pulled + turn * pull) + (row[3] + rounding) * far)
     of_length = wp.max(tolerance + relative * L, wp.float64(1.0e-150))
-    of_force = of_length + relative * (weight * pull)
+    of_force = wp.max(of_length + wp.float64(0.01) * relative * (weight * pull), wp.float64(1.0e-150))
     error = wp.max(long * of_force, off * of_length) / (of_length * of_force)
     return lam + dlam, error, far
 

@@ -44,9 +44,9 @@ TOUCHING = wp.constant(40)
 POLISH = wp.constant(6)
 """Iterations in which rigid links converge from where elastic ones did, if they ever do."""
 
-TAUT = wp.constant(1.0e-10)
-"""How far links may give in a converged step of an integrator that keeps energy, unless they were as long at its start:
-what they take up is lost."""
+TAUT = wp.constant(1.0e-9)
+"""Links that give are no convergence for an integrator that keeps energy, since they take it up: only where they were too
+long by more than this part of their length, and half of what they give, before the step."""
 
 AGAIN = wp.constant(16)
 """Steps of elastic links after which rigid ones are tried again, or where they stretch a quarter of what they did."""
@@ -220,11 +220,11 @@ def solve_pieces(
             p.gives[piece] = wp.max(p.gives[piece], 1)
             began = used
 
-    if mean_gradient and not rigid and gave > wp.float64(TAUT):
+    if mean_gradient and not rigid:
         longest = zero
         for q in range(s.link_first[begin], s.link_first[end]):
             longest = wp.max(longest, l.fixed[q][2] / wp.max(l.fixed[q][0], wp.float64(1.0e-300)) - one)
-        if gave > wp.float64(2.0) * longest:
+        if longest < wp.float64(TAUT) or gave > wp.float64(2.0) * longest:
             error = wp.float64(wp.inf)
     for t in range(begin, end):
         p.shift[t] = p.move[t] - p.free[t]
