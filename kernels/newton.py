@@ -178,7 +178,7 @@ def solve_pieces(
             begin, end, s, m, p, l, points, c, rigid, mean_gradient, wp.float64(SHORT) * mean_length, touch, lagging
         )
         left, widest, given, switched, touches = back_pass(
-            begin, end, s, m, p, l, points, c, rigid, mean_gradient, touch, mean_length,
+            begin, end, s, m, p, l, points, c, rigid, mean_gradient, touch, lagging, mean_length,
             tolerance, relative, wp.float64(SLACK) * relative,
         )  # fmt: skip
         error = left
@@ -187,7 +187,7 @@ def solve_pieces(
         if touches:
             patience = TOUCHING
         # Links that give under forces so large that rounding moves them: steps that are small and shrink no more.
-        if not rigid and not switched and widest < wp.float64(STILL) and widest > wp.float64(0.25) * widest_before:
+        if not rigid and not touches and widest < wp.float64(STILL) and widest > wp.float64(0.25) * widest_before:
             error = wp.min(error, one)
         widest_before = widest
         if not wp.isfinite(m.b[begin]):  # the last that is found: all that is not finite arrives there

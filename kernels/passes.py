@@ -194,6 +194,7 @@ def contact_steps(
     p: Particles,
     c: Touching,
     touch: wp.float64,
+    lagging: wp.bool,
     scale: wp.float64,
     tolerance: wp.float64,
     relative: wp.float64,
@@ -214,7 +215,8 @@ def contact_steps(
             gap, n, curvature = gap_now(p.move[t] - du, c.side[k], c.start[k], c.led[k], c.surface[k])
             now, push, hold, left = contact_step(
                 c.status[k], gap, n, curvature, p.move[t] - c.led[k], du, c.lam[k], c.grip[k], c.surface[k][2],
-                wp.float64(1.0) / (touch * p.weight[t]), p.weight[t], wp.float64(CURVED), scale, tolerated, relative,
+                wp.float64(1.0) / (touch * p.weight[t]), p.weight[t], wp.float64(CURVED), lagging,
+                scale, tolerated, relative,
             )  # fmt: skip
             switched = switched or (now != c.status[k] and left > wp.float64(1.0))
             touches = True
@@ -239,6 +241,7 @@ def back_pass(
     rigid: wp.bool,
     mean_gradient: wp.bool,
     touch: wp.float64,
+    lagging: wp.bool,
     mean_length: wp.float64,
     tolerance: wp.float64,
     relative: wp.float64,
@@ -308,7 +311,7 @@ def back_pass(
                 point_steps(t, p, points, rigid)
             if c.head:
                 size = wp.max(mean_length, wp.length(p.free[t]))
-                left, changed, some = contact_steps(t, s.particle[t], m.b[t], p, c, touch, size, tolerance, loose)
+                left, changed, some = contact_steps(t, s.particle[t], m.b[t], p, c, touch, lagging, size, tolerance, loose)
                 error = wp.max(error, left)
                 switched = switched or changed
                 touches = touches or some

@@ -189,6 +189,7 @@ def contact_step(
     e: wp.float64,
     weight: wp.float64,
     curved: wp.float64,
+    lagging: wp.bool,
     scale: wp.float64,
     tolerance: wp.float64,
     relative: wp.float64,
@@ -218,10 +219,14 @@ def contact_step(
         if held > mu * push:
             now = SLIDES
             hold = hold * (mu * push / held)
+            if status == STICKS:
+                left = left + weight * (held - mu * push)
         left = left + wp.length(hold - grip) / e
         if now == SLIDES:
             turn = wp.min(e * far / held, wp.float64(1.0))
             left = left + weight * mu * turn * (push * turn + pushed)
+            if lagging:
+                left = left + weight * mu * pushed
     return now, push, hold, left / (tolerance + relative * (scale + weight * push))
 
 
