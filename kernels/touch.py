@@ -159,7 +159,7 @@ def contact_row(
     M = e * wp.outer(n, n) - wp.min(wp.max(lam, wp.float64(0.0)) * curvature, softest) * across
     force = push * n
     if mu > wp.float64(0.0):
-        hold = grip - e * slip
+        hold = grip - wp.dot(n, grip) * n - e * slip
         held = wp.length(hold)
         if status == STICKS:
             M = M + e * across
@@ -207,13 +207,21 @@ def contact_step(
     hold = wp.vec3d()
     if mu > zero:
         slip = gone - wp.dot(n, gone) * n
-        hold = grip - e * slip
+        before = grip - wp.dot(n, grip) * n
+        hold = before - e * slip
         if status == SLIDES:
-            along = grip - e * (slip - (du - wp.dot(n, du) * n))
+            moved = du - wp.dot(n, du) * n
+            along = before - e * (slip - moved)
             if wp.dot(slip, along) > zero:
-                # It would slide the way it is pushed: it sticks, and friction begins where it is.
-                hold = along * (mu * push / wp.length(along))
-                left = left + wp.length(slip) 
+                # It would slide the way it is pushed: it sticks, and friction begins with what this step had.
+                size = wp.length(along)
+                t = along / size
+                hold = (mu * push) * (t - (e / size) * (moved - wp.dot(t, moved) * t))
+                held = wp.length(hold)
+                if held > mu * push:
+                    left = left + weight * (held - mu * push)
+                    hold = hold * (mu * push / held)
+                left = left + wp.length(slip)
                 return STICKS, push, hold, left / (tolerance + relative * (scale + weight * push))
         held = wp.length(hold)
         if held > mu * push:
