@@ -5,10 +5,10 @@
 Needs gcc and SciPy (the latter for chebyshev="auto"); takes about a minute.
 
 1. ns per link and Newton iteration of `Direct`, in both precisions, "pbd", one step a frame, 3 iterations: one rope of
-   50, 1000 and 100 000 links, and 1000 ropes of 100. The C loop (elimination.c, compiled by `gcc -O3 -march=native -ffast-math`)
-   makes the iterations; the simulation makes the whole step. Both are timed in turn, round by round, and each is given
-   by its median, so that a drifting clock does not favour one. That both arrive at the same displacement is checked
-   first, on every size; a difference ends the script with an error.
+   50, 1000 and 100 000 links, and 1000 ropes of 100. The C loop (elimination.c, compiled by
+   `gcc -O3 -march=native -ffast-math`) makes the iterations; the simulation makes the whole step. Both are timed in
+   turn, round by round, and each is given by its median, so that a drifting clock does not favour one. That both arrive
+   at the same displacement is checked first, on every size; a difference ends the script with an error.
 2. What 0.1 % stretch costs with each method: ropes of 1 m, 100 and 1000 links, fall from the horizontal for 0.25 s at
    60 Hz with 4 substeps, float64. Every method stops where by its own measure the largest |C| is under 0.1 % of a
    link, or at a cap of 6 000 000 / links iterations; where that was not enough, the stretch it got to is what counts.
@@ -38,7 +38,7 @@ DT = 1.0 / 24000.0
 ROPES = ((1, 50), (1, 1000), (1, 100_000), (1000, 100))
 """Number of ropes, links of each."""
 
-AGREEMENT = {"float64": 1e-9, "float32": 1e-4}
+AGREEMENT = {"float64": 1e-9, "float32": 1e-3}
 """How far ours and C may lie apart, over the largest displacement."""
 
 STRETCH = 1e-3

@@ -5,7 +5,8 @@
 
         D_t  -=  X_tc Y_ct        A_rt -= X_rc Y_ct        A_tr -= X_tc Y_cr
 
-Tiles are substituted into, never inverted: with numbers of 1 / a beside those of 1 / w that would lose their ratio twice.
+Tiles are substituted into, never inverted: with numbers of 1 / a beside those of 1 / w that would lose their ratio
+twice.
 Always in float64: it costs next to nothing on a CPU, and in float32 a would have to be 1e4 times as large.
 Source: Duff, Erisman, Reid 1986, Direct Methods for Sparse Matrices.
 """

@@ -80,8 +80,10 @@ def link_step(
     tolerance: wp.float64,
     relative: wp.float64,
 ):
-    """lam after the step, what is left of length and balance over what is tolerated, and how far the ends moved apart. Newton's step leaves what is of
-    second order in it; besides, what the proximal compliance did not take, what a cut kappa did not see, and rounding."""
+    """lam after the step, what is left of length and balance over what is tolerated, how far the ends moved apart.
+
+    Newton's step leaves what is of second order in it; besides, what the proximal compliance did not take, what a cut
+    kappa did not see, and rounding."""
     L = fixed[0]
     dlam = -(row[0] + wp.dot(n, apart)) * row[1]
     far = wp.length(apart)

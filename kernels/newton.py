@@ -29,10 +29,11 @@ from __future__ import annotations
 
 import warp as wp
 
+from pbd_warp.kernels.back import back_pass
+from pbd_warp.kernels.forward import forward_pass
 from pbd_warp.kernels.link_row import SHORT
 from pbd_warp.kernels.pieces import Links, Matrix, Particles, Points, Schedule, Touching
 from pbd_warp.kernels.precision import Real, Vec3, kernel
-from pbd_warp.kernels.passes import back_pass, forward_pass
 from pbd_warp.kernels.touch import double
 
 PATIENCE = wp.constant(20)
@@ -45,8 +46,8 @@ POLISH = wp.constant(6)
 """Iterations in which rigid links converge from where elastic ones did, if they ever do."""
 
 TAUT = wp.constant(1.0e-9)
-"""Links that give are no convergence for an integrator that keeps energy, since they take it up: only where they were too
-long by more than this part of their length, and half of what they give, before the step."""
+"""Links that give are no convergence for an integrator that keeps energy, since they take it up: only where they were
+too long by more than this part of their length, and half of what they give, before the step."""
 
 STILL = wp.constant(1.0e-9)
 """How far the ends of links move apart in an iteration, over their length, that may be rounding."""
@@ -98,7 +99,7 @@ def solve_pieces(
     # Scratch and out:
     m: Matrix,
     p: Particles,
-    l: Links,
+    links: Links,
     points: Points,
     c: Touching,
     u: wp.array[Vec3],  # [particle_count] [m]
@@ -129,11 +130,11 @@ def solve_pieces(
         for q in range(s.link_first[t], s.link_first[t + 1]):
             j = s.partner[q]
             d = double(x[i]) - double(x[j])
-            l.before[q] = d
-            l.start[q] = d
+            links.before[q] = d
+            links.start[q] = d
             mobility = p.weight[t] + wp.float64(w[j])
             if s.other[q] < 0:
-                l.start[q] = d - double(u[j])
+                links.start[q] = d - double(u[j])
                 mobility = p.weight[t]
             soft = zero
             if compliance:
@@ -141,13 +142,13 @@ def solve_pieces(
             doubled = soft
             if mean_gradient:
                 doubled = soft + soft
-            steadies = wp.max(l.proximal[q] - doubled, zero)
-            l.steadies[q] = steadies
-            l.firm[q] = one / (doubled + steadies)
-            l.fixed[q] = wp.vec4d(wp.float64(rest_length[q]), soft, wp.length(d), mobility)
-            l.lam[q] = l.lam[q] * scale
-            if l.vector_lam:
-                l.vector_lam[q] = l.vector_lam[q] * scale
+            steadies = wp.max(links.proximal[q] - doubled, zero)
+            links.steadies[q] = steadies
+            links.firm[q] = one / (doubled + steadies)
+            links.fixed[q] = wp.vec4d(wp.float64(rest_length[q]), soft, wp.length(d), mobility)
+            links.lam[q] = links.lam[q] * scale
+            if links.vector_lam:
+                links.vector_lam[q] = links.vector_lam[q] * scale
         if points.first:
             for q in range(points.first[t], points.first[t + 1]):
                 k = points.which[q]
@@ -175,10 +176,10 @@ def solve_pieces(
         lagging = (used / LAG) % 2 == 1
 
         forward_pass(
-            begin, end, s, m, p, l, points, c, rigid, mean_gradient, wp.float64(SHORT) * mean_length, touch, lagging
+            begin, end, s, m, p, links, points, c, rigid, mean_gradient, wp.float64(SHORT) * mean_length, touch, lagging
         )
         left, widest, given, switched, touches = back_pass(
-            begin, end, s, m, p, l, points, c, rigid, mean_gradient, touch, lagging, mean_length,
+            begin, end, s, m, p, links, points, c, rigid, mean_gradient, touch, lagging, mean_length,
             tolerance, relative, wp.float64(SLACK) * relative,
         )  # fmt: skip
         error = left
@@ -223,7 +224,7 @@ def solve_pieces(
                         p.gives[piece] = AGAIN
                         p.strain[piece] = gave
                     done = True
-        elif rigid and (used - began >= patience or polishing and used - began >= POLISH):
+        elif rigid and (used - began >= patience or (polishing and used - began >= POLISH)):
             rigid = False
             p.gives[piece] = wp.max(p.gives[piece], 1)
             began = used
@@ -231,7 +232,7 @@ def solve_pieces(
     if mean_gradient and not rigid:
         longest = zero
         for q in range(s.link_first[begin], s.link_first[end]):
-            longest = wp.max(longest, l.fixed[q][2] / wp.max(l.fixed[q][0], wp.float64(1.0e-300)) - one)
+            longest = wp.max(longest, links.fixed[q][2] / wp.max(links.fixed[q][0], wp.float64(1.0e-300)) - one)
         if longest < wp.float64(TAUT) or gave > wp.float64(2.0) * longest:
             error = wp.float64(wp.inf)
     for t in range(begin, end):

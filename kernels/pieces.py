@@ -1,4 +1,4 @@
-"""What Newton's method (newton.py) works on: arrays of one model, all in float64, whatever the precision of its state."""
+"""What Newton's method (newton.py) works on: arrays of one model, in float64 whatever the precision of its state."""
 
 from __future__ import annotations
 

@@ -6,13 +6,11 @@ particle's own tile alone: e^-1 J^T J on the matrix, J^T (lam - c / e) on the ri
 Contact with something fixed or led: gap C >= 0 along the normal n, pushed by lam >= 0, and Coulomb's law for the slip s
 of the step in the tangent plane. Semi-smooth Newton (Alart and Curnier 1991; the active set of Hintermueller, Ito and
 Kunisch 2002): each contact is open, or sticks (s = 0), or slides (force -mu lam t with t = s / |s|, whose normal part
-stands in the same row). It opens when lam would pull and closes when C < 0; it slides when sticking would take more than
-mu lam, and sticks again when it would slide backwards. No scale has to compare forces with lengths for that.
+stands in the same row). It opens when lam would pull and closes, sliding, when C < 0; it slides when sticking would
+take more than mu lam, and sticks again when it would slide backwards. No scale compares forces with lengths for that.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import warp as wp
 
@@ -26,6 +24,9 @@ STICKS = wp.constant(1)
 SLIDES = wp.constant(2)
 
 NONE = wp.constant(-1)
+
+CURVED = wp.constant(0.2)
+"""Of a particle's inertia: the negative stiffness that the curvature of a surface may have."""
 
 
 @wp.func
@@ -63,7 +64,7 @@ def list_contacts(
     gap: wp.array[Real],  # [capacity]
     radius: wp.array[Real],  # [particle_count]
     u: wp.array[Vec3],  # [particle_count]
-    memory: wp.array2d[wp.vec3d],  # [particle_count, collider_count] force of the step before [kg m]
+    memory: wp.array[wp.vec3d],  # [particle_count * collider_count] force of the step before [kg m]
     lam_scale: wp.float64,
     round_off: wp.float64,  # of positions, relative
     # Out:
@@ -103,7 +104,7 @@ def list_contacts(
         if collider_kind[q] == SPHERE:
             away = double(x[i]) - double(collider_centre[q])
             curved = wp.dot(n, away) - wp.float64(gap[k])
-        force = lam_scale * memory[i, q]
+        force = lam_scale * memory[i * collider_kind.shape[0] + q]
         push = wp.dot(n, force)
         if push > wp.float64(0.0):
             hold = force - push * n
@@ -115,9 +116,7 @@ def list_contacts(
     c.side[k] = n
     c.led[k] = moved
     c.start[k] = away - moved
-    c.surface[k] = wp.vec4d(
-        wp.float64(gap[k]), curved, mu, wp.float64(4.0) * round_off * wp.length(double(x[i]))
-    )
+    c.surface[k] = wp.vec4d(wp.float64(gap[k]), curved, mu, wp.float64(4.0) * round_off * wp.length(double(x[i])))
     c.following[k] = wp.atomic_exch(c.head, i, k)
 
 
@@ -248,7 +247,8 @@ def note_contacts(
     # Out:
     lam: wp.array[Real],  # [capacity] for line 16
     normal: wp.array[Vec3],  # [capacity] for line 16: at the middle of the way, along which a surface is followed
-    memory: wp.array2d[wp.vec3d],  # [particle_count, collider_count] zero before
+    colliders: wp.int32,
+    memory: wp.array[wp.vec3d],  # [particle_count * colliders] zero before
 ):
     k = wp.tid()
     if k >= wp.min(count[0], pair.shape[0]) or c.lam[k] == wp.float64(0.0):
@@ -259,7 +259,7 @@ def note_contacts(
     if j < 0:
         move = double(u[i])
         gap, n, curvature = gap_now(move, c.side[k], c.start[k], c.led[k], c.surface[k])
-        memory[i, -1 - j] = memory[i, -1 - j] + c.lam[k] * n + c.grip[k]
+        memory[i * colliders - 1 - j] = memory[i * colliders - 1 - j] + c.lam[k] * n + c.grip[k]
         if curvature > wp.float64(0.0):
             n = wp.normalize(c.start[k] + wp.float64(0.5) * move)
             normal[k] = Vec3(Real(n[0]), Real(n[1]), Real(n[2]))

@@ -16,7 +16,7 @@ from pbd_warp.model.model import Model, masses
 from pbd_warp.settings import Settings
 from pbd_warp.step.divergence import STRETCHED
 from pbd_warp.step.integrators import INTEGRATORS
-from pbd_warp.step.methods.direct import Direct, paths
+from pbd_warp.step.methods.direct import Direct
 from pbd_warp.step.methods.jacobi import Jacobi
 from pbd_warp.step.methods.spectrum import JacobiSweep
 
@@ -232,6 +232,42 @@ def _unreachable(now: Snapshot) -> Iterator[PreflightWarning]:
                 # Held straight it carries nothing: where there is weight that is as bad as too far.
                 most = rope * (1.0 - ROUND_OFF if np.any(model.gravity) else 1.0 + ROUND_OFF)
                 yield PreflightWarning("unreachable", text, apart / most)
+
+
+def paths(edge: np.ndarray, locked: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A graph as paths: vertex [p] along all of them, first [paths + 1], link [p], the edge to the next vertex or -1.
+
+    Particles without an edge are left out, but for the `locked` ones. Raises an InputError for a graph that is no set
+    of paths.
+    """
+    count = int(max(edge.max(initial=-1), locked.max(initial=-1))) + 1
+    degree = np.bincount(edge.ravel(), minlength=count)
+    hint = "method 'direct' needs paths (ropes, chains); use 'jacobi' or 'gauss-seidel' for this graph"
+    if np.any(degree > 2):
+        raise InputError(f"particle {int(np.argmax(degree > 2))} has {degree.max()} distances: {hint}")
+    around: list[list[tuple[int, int]]] = [[] for _ in range(count)]
+    for number, (i, j) in enumerate(edge.tolist()):
+        around[i].append((j, number))
+        around[j].append((i, number))
+    vertex: list[int] = []
+    link: list[int] = []
+    first = [0]
+    done = np.zeros(count, bool)
+    for end in [*np.flatnonzero(degree == 1).tolist(), *locked[degree[locked] == 0].tolist()]:
+        if done[end]:
+            continue
+        at, came_by = end, -1
+        while at >= 0:
+            done[at] = True
+            vertex.append(at)
+            ahead = [(to, number) for to, number in around[at] if number != came_by]
+            at, came_by = ahead[0] if ahead else (-1, -1)
+            link.append(came_by)
+        first.append(len(vertex))
+    closed = np.flatnonzero((degree > 0) & ~done)
+    if closed.size:
+        raise InputError(f"particle {closed[0]} is part of a closed loop: {hint}")
+    return np.array(vertex, np.int32), np.array(first, np.int32), np.array(link, np.int32)
 
 
 CHECKS = (_unreachable, _relaxation, _truncation, _step, _precision)

@@ -10,8 +10,8 @@ import numpy as np
 import warp as wp
 
 from pbd_warp.errors import InputError
-from pbd_warp.kernels.newton import solve_pieces
 from pbd_warp.kernels import pieces
+from pbd_warp.kernels.newton import solve_pieces
 from pbd_warp.kernels.touch import add_corrections_to_both, forget_contacts, list_contacts, note_contacts
 from pbd_warp.model.constraints import DistanceSet, PointSet
 from pbd_warp.model.model import Model
@@ -137,18 +137,18 @@ class DirectSolver:
         self._compliance = None
         if soft.any():
             self._compliance = context.upload("direct.compliance", edges.compliance[s.link])
-        tiles, links, count = len(s.particle), len(s.link), len(s.piece_first) - 1
+        tiles, count = len(s.particle), len(s.piece_first) - 1
         piece = np.repeat(np.arange(count), np.diff(s.piece_first))  # of each tile
         proximal = np.zeros(count)
         for k, (begin, end) in enumerate(pairwise(s.piece_first)):
             w = model.w[s.particle[begin:end]]
             proximal[k] = PROXIMAL / (np.sqrt(w.max() / w.min()) * max(1.0, (end - begin) / 300.0))
         proximal = np.maximum(proximal, ELASTIC / 10.0)
-        p, l = self._particles, self._links
+        p, links = self._particles, self._links
         p.give = context.upload("direct.give", proximal[piece] * model.w[s.particle], wp.float64)
         piece = np.repeat(piece, np.diff(s.link_first))  # of each link
         weight = model.w[edge].sum(axis=1)
-        l.proximal = context.upload("direct.proximal", proximal[piece] * weight, wp.float64)
+        links.proximal = context.upload("direct.proximal", proximal[piece] * weight, wp.float64)
         rated = rest > 0.0
         number = np.maximum(np.bincount(piece, rated, count), 1)
         mean = np.bincount(piece, rest, count) / number
@@ -157,20 +157,37 @@ class DirectSolver:
         ratio = np.log(np.divide(weight, rest, out=np.ones_like(rest), where=rated))
         mean = np.exp(np.bincount(piece, np.where(rated, ratio, 0.0), count) / number)
         elastic = ELASTIC * np.where(rated, np.maximum(mean[piece] * rest, 0.01 * weight), weight)
-        l.elastic = context.upload("direct.elastic", elastic, wp.float64)
+        links.elastic = context.upload("direct.elastic", elastic, wp.float64)
         share = np.maximum(np.bincount(edges.edge.ravel(), minlength=model.particle_count) / 2.0, 1.0)
         softest = -SOFTEST / (model.w * share)[edge].max(axis=1) if len(edge) else rest
-        l.softest = context.upload("direct.softest", softest, wp.float64)
+        links.softest = context.upload("direct.softest", softest, wp.float64)
         for group, name, size, dtype in (
-            *((p, "weight", tiles, wp.float64), (p, "mass", tiles, wp.float64), (p, "free", tiles, wp.vec3d), (p, "move", tiles, wp.vec3d)),
+            *(
+                (p, "weight", tiles, wp.float64),
+                (p, "mass", tiles, wp.float64),
+                (p, "free", tiles, wp.vec3d),
+                (p, "move", tiles, wp.vec3d),
+            ),
             *((p, "shift", tiles, wp.vec3d), (p, "gives", count, wp.int32), (p, "strain", count, wp.float64)),
-            *((l, "firm", links, wp.float64), (l, "steadies", links, wp.float64), (l, "fixed", links, wp.vec4d)),
-            *((l, "before", links, wp.vec3d), (l, "start", links, wp.vec3d)),
-            *((l, "normal", links, wp.vec3d), (l, "row", links, wp.vec4d), (l, "lam", links, wp.float64)),
+            *(
+                (links, "firm", len(edge), wp.float64),
+                (links, "steadies", len(edge), wp.float64),
+                (links, "fixed", len(edge), wp.vec4d),
+            ),
+            *((links, "before", len(edge), wp.vec3d), (links, "start", len(edge), wp.vec3d)),
+            *(
+                (links, "normal", len(edge), wp.vec3d),
+                (links, "row", len(edge), wp.vec4d),
+                (links, "lam", len(edge), wp.float64),
+            ),
         ):
-            setattr(group, name, context.allocate(f"direct.link_row" if name == "row" else f"direct.{name}", size, dtype))
+            setattr(
+                group,
+                name,
+                context.allocate(f"direct.link.{name}" if group is links else f"direct.{name}", size, dtype),
+            )
         if not rated.all():
-            l.vector_lam = context.allocate("direct.vector_lam", links, wp.vec3d)
+            links.vector_lam = context.allocate("direct.vector_lam", len(edge), wp.vec3d)
 
     def _bind_points(self, points: PointSet, s: Schedule) -> None:
         context, p = self._context, self._points
@@ -195,7 +212,7 @@ class DirectSolver:
             *(("lam", room, wp.float64), ("grip", room, wp.vec3d), ("status", room, wp.int32)),
         ):
             setattr(c, name, context.allocate(f"direct.contact_{name}", size, dtype))
-        self._memory = context.allocate("direct.contact_memory", (count, max(len(contacts.kind), 1)), wp.vec3d)
+        self._memory = context.allocate("direct.contact_memory", count * len(contacts.kind), wp.vec3d)
         self._correction = context.allocate("direct.correction", count, context.vec3)
 
     def restart(self) -> None:
@@ -257,7 +274,7 @@ class DirectSolver:
             note_contacts,
             contacts.capacity,
             *(contacts.count, contacts.pair, self._touching, context.u),
-            *(contacts.lam, contacts.normal, self._memory),
+            *(contacts.lam, contacts.normal, len(contacts.kind), self._memory),
         )
 
     def tension(self) -> np.ndarray:
@@ -279,7 +296,8 @@ class DirectSolver:
         """Force of colliders on each particle in the last step, friction included [N], float64 [particle_count, 3]."""
         if not self._contacts:
             return np.zeros((self._context.model.particle_count, 3))
-        return self._memory.numpy().sum(axis=1) * self._newtons()
+        forces = self._memory.numpy().reshape(self._context.model.particle_count, -1, 3)
+        return forces.sum(axis=1) * self._newtons()
 
     def _newtons(self) -> float:
         return float(self._force_scale.numpy()[0])
@@ -288,39 +306,3 @@ class DirectSolver:
 def _refuse(model: Model) -> None:
     if np.any(model.distance.stiffness < 1.0) or np.any(model.point.stiffness < 1.0):
         raise InputError("method 'direct' solves exactly: soften with compliance instead of a stiffness below 1")
-
-
-def paths(edge: np.ndarray, locked: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A graph as paths: vertex [p] along all of them, first [paths + 1], link [p], the edge to the next vertex or -1.
-
-    Particles without an edge are left out, but for the `locked` ones. Raises an InputError for a graph that is no set
-    of paths.
-    """
-    count = int(max(edge.max(initial=-1), locked.max(initial=-1))) + 1
-    degree = np.bincount(edge.ravel(), minlength=count)
-    hint = "method 'direct' needs paths (ropes, chains); use 'jacobi' or 'gauss-seidel' for this graph"
-    if np.any(degree > 2):
-        raise InputError(f"particle {int(np.argmax(degree > 2))} has {degree.max()} distances: {hint}")
-    around: list[list[tuple[int, int]]] = [[] for _ in range(count)]
-    for number, (i, j) in enumerate(edge.tolist()):
-        around[i].append((j, number))
-        around[j].append((i, number))
-    vertex: list[int] = []
-    link: list[int] = []
-    first = [0]
-    done = np.zeros(count, bool)
-    for end in [*np.flatnonzero(degree == 1).tolist(), *locked[degree[locked] == 0].tolist()]:
-        if done[end]:
-            continue
-        at, came_by = end, -1
-        while at >= 0:
-            done[at] = True
-            vertex.append(at)
-            ahead = [(to, number) for to, number in around[at] if number != came_by]
-            at, came_by = ahead[0] if ahead else (-1, -1)
-            link.append(came_by)
-        first.append(len(vertex))
-    closed = np.flatnonzero((degree > 0) & ~done)
-    if closed.size:
-        raise InputError(f"particle {closed[0]} is part of a closed loop: {hint}")
-    return np.array(vertex, np.int32), np.array(first, np.int32), np.array(link, np.int32)

@@ -24,7 +24,8 @@ class Schedule:
     column_first [tile_count + 1], row: the tiles below the diagonal, column by column; row says which tile's row.
     row_first [tile_count + 1], row_slot, row_column: the same row by row: place in `row`, column.
     link_first [tile_count + 1]: where the links begin that a tile brings in: those to later tiles and to what is fixed.
-    link: number of the edge. other: tile at its other end, -1: fixed. partner: particle there. slot: place in `row`, -1.
+    link: number of the edge. other: tile at its other end, -1: fixed. partner: particle there. slot: place in `row`,
+    or -1.
     fresh [link_count]: 1 where a link is the first of its slot. filled [tiles below the diagonal]: 1 where none is.
     """
 
