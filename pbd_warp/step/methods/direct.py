@@ -67,6 +67,7 @@ class Direct:
 
     name: ClassVar[str] = "direct"
     remedy: ClassVar[str] = "use more substeps"
+    keeps_forces: ClassVar[bool] = True
 
     iterations: int = 100
     tolerance: float | None = None
