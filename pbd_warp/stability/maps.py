@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from pbd_warp.errors import unknown
 from pbd_warp.stability.contact_maps import COINCIDENT, CRADLE, OVERLAP, SPEED, UNREACHABLE
+from pbd_warp.stability.direct_maps import CAPSTAN, LOOPS, SHORT_LINK
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
 from pbd_warp.stability.solver_maps import (
     CHAIN_LENGTH,
@@ -25,6 +26,7 @@ MAPS: dict[str, Map] = {
     for made in (
         *(RELAXED, STAR, OVERCONSTRAINED, SWEEP_NUMBER, CHEBYSHEV, CHAIN_LENGTH, MASS_RATIO),
         *(STEP, DRAG, PRECISION, SPEED, OVERLAP, UNREACHABLE, CRADLE, COINCIDENT),
+        *(CAPSTAN, SHORT_LINK, LOOPS),
     )
 }
 
