@@ -17,7 +17,7 @@ from pbd_warp.stability.solver_maps import (
     STAR,
     SWEEP_NUMBER,
 )
-from pbd_warp.stability.step_maps import DRAG, PRECISION, STEP
+from pbd_warp.stability.step_maps import DRAG, PRECISION, STEP, SWEEP_ENERGY
 
 __all__ = ["MAPS", "Axis", "Boundary", "Map", "Panel", "choose"]
 
@@ -25,7 +25,7 @@ MAPS: dict[str, Map] = {
     made.name: made
     for made in (
         *(RELAXED, STAR, OVERCONSTRAINED, SWEEP_NUMBER, CHEBYSHEV, CHAIN_LENGTH, MASS_RATIO),
-        *(STEP, DRAG, PRECISION, SPEED, OVERLAP, UNREACHABLE, CRADLE, COINCIDENT),
+        *(STEP, SWEEP_ENERGY, DRAG, PRECISION, SPEED, OVERLAP, UNREACHABLE, CRADLE, COINCIDENT),
         *(CAPSTAN, SHORT_LINK, LOOPS),
     )
 }
