@@ -31,7 +31,7 @@ CASES = {
 
 
 def go_on(sim, first, last):
-    """Frames first+1 .. last, with a hand from the third to the eighth."""
+    """Frames first+1 .. last, held from the third to the eighth."""
     frames = []
     for frame in range(first, last):
         if frame == 2:
@@ -52,7 +52,7 @@ def test_a_resumed_simulation_is_the_same_to_the_last_bit(tmp_path, case, dtype)
     model = make(dtype=dtype)
     sim = pbd.Simulation(model, substeps=2, **settings)
     whole = []
-    for stop in (1, 5, 9):  # before, in and after the hand
+    for stop in (1, 5, 9):  # before, while and after it is held
         whole += go_on(sim, len(whole), stop)
         sim.save(tmp_path / f"{stop}.npz")
     whole += go_on(sim, 9, 12)
@@ -90,10 +90,10 @@ def test_what_a_model_is_survives(tmp_path):
 def test_restore_gives_back_what_the_caller_added(tmp_path):
     sim = pbd.Simulation(rope_model())
     sim.step()
-    checkpoint.save(sim, tmp_path / "c.npz", {"worst": 0.1, "drag": [1, None]})
+    sim.save(tmp_path / "c.npz", {"worst": 0.1, "drag": [1, None]})
     other = pbd.Simulation(rope_model())
-    checkpoint.restore(other, tmp_path / "c.npz")
-    assert checkpoint.extra_of(tmp_path / "c.npz") == {"worst": 0.1, "drag": [1, None]}
+    other.restore(tmp_path / "c.npz")
+    assert checkpoint.Checkpoint.read(tmp_path / "c.npz").extra == {"worst": 0.1, "drag": [1, None]}
     assert other.frame == 1
     np.testing.assert_array_equal(other.state.x.numpy(), sim.state.x.numpy())
 
@@ -113,7 +113,7 @@ def test_a_checkpoint_of_something_else_is_refused(tmp_path, model, settings, me
     pbd.Simulation(rope_model(6)).save(tmp_path / "c.npz")
     sim = pbd.Simulation(model, **settings)
     with pytest.raises(pbd.InputError) as caught:
-        checkpoint.restore(sim, tmp_path / "c.npz")
+        sim.restore(tmp_path / "c.npz")
     assert message in str(caught.value)
     assert sim.frame == 0
 
@@ -172,7 +172,7 @@ def test_an_older_file_is_refused(tmp_path):
     header = json.loads(members["header"].tobytes())
     members["header"] = np.frombuffer(json.dumps({**header, "version": 0}).encode(), np.uint8)
     np.savez(path, **members)
-    with pytest.raises(pbd.InputError, match=r"has format version 0 .* reads version 1"):
+    with pytest.raises(pbd.InputError, match=r"has format version 0 .* reads version 2"):
         pbd.Simulation.load(path)
 
 

@@ -111,8 +111,7 @@ def assert_same_run(path, frames, expected):
 @pytest.fixture(scope="module")
 def uninterrupted(tmp_path_factory):
     """1000 frames of the worm."""
-    scene = pbd.load_scene("worm")
-    scene.frames = 1000
+    scene = pbd.load_scene("worm").changed(frames=1000)
     path = tmp_path_factory.mktemp("whole") / "worm.usdc"
     run(scene, path)
     return Usd.Stage.Open(str(path))
