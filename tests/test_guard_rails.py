@@ -317,7 +317,7 @@ def test_the_speed_does_not_hold_back_an_ordinary_contact():
 
 
 def named_by(sim):
-    return [warning.test for caution in sim.check()]
+    return [warning.test for warning in sim.check()]
 
 
 KNOWN_TO_FAIL = {
@@ -361,8 +361,8 @@ def held_apart(factor):
 def test_what_is_known_to_fail_is_said_and_its_cure_is_not(name):
     warning = next(c for c in KNOWN_TO_FAIL[name]().check() if c.test == name)
     assert warning.severity > 1.0
-    assert str(caution).endswith(f"(test: {name})")
-    assert warning.remedy in str(caution)
+    assert str(warning).endswith(f"(test: {name})")
+    assert warning.remedy in str(warning)
     assert name not in named_by(CURED[name]())
 
 
