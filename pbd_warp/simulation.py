@@ -298,9 +298,13 @@ class Simulation:
         self._loop.restart()
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
-        checkpoint.fill(self._context.arrays, path)
+        try:
+            memory = self._kinematic.checked(checkpoint.progress["kinematic"])
+        except InputError as error:
+            raise InputError(f"checkpoint {path}: {error}") from None
+        checkpoint.fill(self._context.arrays, self._context.fixed, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
-        self._kinematic.restore(checkpoint.progress["kinematic"])
+        self._kinematic.restore(memory)
 
     def _snapshot(self) -> Snapshot:
         x, v, w = (array.numpy().astype(np.float64) for array in (self.state.x, self.state.v, self._context.w))

@@ -9,6 +9,7 @@ from models import crowd_model, rope_model
 
 import pbd_warp as pbd
 from pbd_warp import checkpoint
+from pbd_warp.model.flat import flat_arrays
 
 CASES = {
     **{
@@ -80,7 +81,7 @@ def test_what_a_model_is_survives(tmp_path):
     model = crowd_model(np.random.default_rng(3))
     pbd.Simulation(model, method=pbd.Jacobi(3)).save(tmp_path / "c.npz")
     again = pbd.Simulation.load(tmp_path / "c.npz").model
-    for (name, a), (other, b) in zip(checkpoint._flat(model), checkpoint._flat(again), strict=True):
+    for (name, a), (other, b) in zip(flat_arrays(model), flat_arrays(again), strict=True):
         assert name == other
         np.testing.assert_array_equal(a, b, err_msg=name)
         assert a.dtype == b.dtype

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from pbd_warp import check
+from pbd_warp.errors import InputError
 from pbd_warp.kernels.kinematic import move_to_targets, stop
 from pbd_warp.step.context import Context
 
@@ -84,6 +86,27 @@ class KinematicParticles:
         """Everything that is not on the device, as values that JSON can hold."""
         paths = [[path.frame, path.particles.tolist()] for path in (self._held_path, self._fixed_path)]
         return {"held": self.held, "held_target": self.held_target.tolist(), "paths": paths}
+
+    def checked(self, memory: Any) -> dict[str, Any]:
+        """A `memory` from a file.
+
+        Raises:
+            InputError: what `memory` would not have said of this model.
+        """
+        count = self._context.model.particle_count
+        try:
+            held, target, paths = memory["held"], memory["held_target"], memory["paths"]
+            check.vector("held_target", target)
+            for particles in ([] if held is None else [held], *(particles for _, particles in paths)):
+                check.indices("kinematic", particles, count)
+            for frame, _ in paths:
+                if frame is not None:
+                    check.whole("frame", frame, low=0)
+            if len(paths) != 2 or not (held is None or isinstance(held, int)):
+                raise InputError("kinematic particles must be one that is held and two paths")
+        except (KeyError, TypeError, ValueError, OverflowError):
+            raise InputError("kinematic must have held, held_target and paths") from None
+        return memory
 
     def restore(self, memory: dict[str, Any]) -> None:
         """Go on from the `memory` of another; velocities and inverse masses come with the device's arrays."""
