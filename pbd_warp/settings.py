@@ -14,6 +14,13 @@ from pbd_warp.step.divergence import Limits
 from pbd_warp.step.integrators import INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, GaussSeidel, Jacobi, Method
 
+SHORTEST, LONGEST = 1e-9, 1e6
+"""Of a frame [s]: what single precision can still count in."""
+
+MOST_SUBSTEPS = 1_000_000
+MOST_CONTACTS = 1 << 28
+"""Far beyond what is of use, and below where counting in 32 bits ends."""
+
 ON_FAILURE = ("raise", "continue", "subdivide", "fallback")
 
 
@@ -61,14 +68,14 @@ class Settings:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("dt", check.number("dt", self.dt, above=0.0))
-        put("substeps", check.whole("substeps", self.substeps, low=1))
+        put("dt", check.number("dt", self.dt, low=SHORTEST, high=LONGEST))
+        put("substeps", check.whole("substeps", self.substeps, low=1, high=MOST_SUBSTEPS))
         put("method", _method(self.method))
         if self.integrator not in INTEGRATORS:
             raise unknown("integrator", self.integrator, INTEGRATORS)
         put("damping", check.number("damping", self.damping, low=0.0, high=1.0))
         if self.max_contacts is not None:
-            put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1))
+            put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1, high=MOST_CONTACTS))
         if self.depenetration_speed is not None:
             put("depenetration_speed", check.number("depenetration_speed", self.depenetration_speed, above=0.0))
         if not isinstance(self.limits, Limits):
@@ -161,6 +168,11 @@ class Settings:
 
     def __str__(self) -> str:
         return f"{self.method}, integrator {self.integrator!r} and {self.substeps} substeps"
+
+
+def frame_length(name: str, fps: Any) -> float:
+    """dt [s] of so many frames a second; `name` is what they are called in an error."""
+    return 1.0 / check.number(name, fps, low=1.0 / LONGEST, high=1.0 / SHORTEST)
 
 
 NAMES = tuple(field.name for field in fields(Settings))

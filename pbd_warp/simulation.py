@@ -287,10 +287,7 @@ class Simulation:
         self._loop.restart()
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
-        try:
-            memory = self._kinematic.checked(checkpoint.progress["kinematic"])
-        except InputError as error:
-            raise InputError(f"checkpoint {path}: {error}") from None
+        memory = self._kinematic.checked(checkpoint.progress["kinematic"])
         checkpoint.fill(self._context.arrays, self._context.fixed, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
         self._kinematic.restore(memory)

@@ -14,7 +14,7 @@ import typer
 from pbd_warp import check
 from pbd_warp.errors import InputError
 from pbd_warp.scene import Scene, load_scene
-from pbd_warp.settings import Settings
+from pbd_warp.settings import Settings, frame_length
 from pbd_warp.step.methods import METHODS
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A scene's name, or your own file.py.")]
@@ -80,7 +80,7 @@ def changed(settings: Settings, changes: Mapping[str, Any]) -> Settings:
     method = {name: changes[name] for name in ("iterations", "tolerance") if name in changes}
     others = {name: changes[name] for name in changes if name not in ("fps", "method", "iterations", "tolerance")}
     if "fps" in changes:
-        others["dt"] = 1.0 / check.number("fps", changes["fps"], above=0.0)
+        others["dt"] = frame_length("fps", changes["fps"])
     return settings.with_method(changes.get("method"), **method).changed(**others)
 
 

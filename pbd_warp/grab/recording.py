@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -12,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from pbd_warp import check
-from pbd_warp.atomic import replacing
+from pbd_warp.atomic import write_text
 from pbd_warp.errors import InputError
 from pbd_warp.grab.drag import GESTURES
 from pbd_warp.grab.grabber import Grabber
 from pbd_warp.model.model import Model
 from pbd_warp.scene import Scene, load_scene
-from pbd_warp.settings import Settings
+from pbd_warp.settings import Settings, frame_length
 from pbd_warp.simulation import Simulation
 
 CHANGE = "settings"
@@ -65,8 +64,7 @@ class Recording:
         # An event a line, so that the file can be read and compared.
         lines = ",\n  ".join(json.dumps(event) for event in self.events_as_json())
         text = json.dumps({**header, "events": []}, indent=1).replace('"events": []', f'"events": [\n  {lines}\n ]')
-        with replacing(path, path.with_name(f".{path.name}.{os.getpid()}")) as temporary:
-            temporary.write_text(text + "\n")
+        write_text(path, text + "\n")
 
     @classmethod
     def load(cls, path: Path, scene: str | None = None) -> Recording:
@@ -203,7 +201,7 @@ def _upgraded(data: dict[str, Any], scene: str | None) -> dict[str, Any]:
     """What version 0.1 wrote, which had only those settings that the view could change."""
     data = dict(data)
     data["parameters"] = data.pop("scene_settings")
-    dt = 1.0 / check.number("fps", data.pop("fps"), above=0.0)
+    dt = frame_length("fps", data.pop("fps"))
     rest = interactive(load_scene(scene or data["scene"], data["seed"], data["parameters"]).settings)
     whole = json.loads(json.dumps(rest.changed(dt=dt).to_json()))
     data["settings"] = {**whole, **data["settings"]}

@@ -111,14 +111,15 @@ class KinematicParticles:
             held, target, paths = memory["held"], memory["held_target"], memory["paths"]
             check.vector("held_target", target)
             for particles in ([] if held is None else [held], *(particles for _, particles in paths)):
-                check.indices("kinematic", particles, count)
+                check.indices("particles", particles, count)
             for frame, _ in paths:
                 if frame is not None:
                     check.whole("frame", frame, low=0)
-            if len(paths) != 2 or not (held is None or isinstance(held, int)):
-                raise InputError("kinematic particles must be one that is held and two paths")
+            fits = len(paths) == 2 and (held is None or isinstance(held, int))
         except (KeyError, TypeError, ValueError, OverflowError):
-            raise InputError("kinematic must have held, held_target and paths") from None
+            fits = False
+        if not fits:
+            raise InputError("the checkpoint does not say rightly which particles are held or led")
         return memory
 
     def restore(self, memory: dict[str, Any]) -> None:

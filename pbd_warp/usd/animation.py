@@ -195,7 +195,7 @@ class Animation:
                     self._root.unlink(missing_ok=True)
                 self._chunks.remove()
         except SimulationFailed as failure:
-            there = self._kept and self._place.there and self._root.exists()
+            there = self._kept and self._place.there and self._chunks.there and self._root.exists()
             kept = f"; the first {self._kept} frames are in {self._root}" if there else ""
             told = after if isinstance(after, SimulationFailed) else failure
             raise SimulationFailed(f"{told}{kept}") from (after or failure)

@@ -98,6 +98,11 @@ class Chunks:
         """Whether the folder is ours."""
         return self._place is not None
 
+    @property
+    def there(self) -> bool:
+        """Whether the folder is where it was made."""
+        return self._place is not None and self._place.there
+
     def write(self) -> None:
         """Write the chunk that is being filled, if there is anything in it."""
         if self._times:
