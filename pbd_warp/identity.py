@@ -40,11 +40,13 @@ class Identity:
     def to_json(self) -> dict[str, str]:
         return asdict(self)
 
-    def refuse_other(self, theirs: Any, where: str | Path) -> None:
+    def refuse_other(
+        self, theirs: Any, where: str | Path, parts: Iterable[str] = ("model", "settings", "drags", "stage")
+    ) -> None:
         """Raise an InputError where a file carries another identity (as `to_json` has it) or none."""
         if not isinstance(theirs, Mapping):
             raise InputError(f"{where} does not say which run it is of: start from the beginning")
-        others = [name for name, ours in self.to_json().items() if theirs.get(name) != ours]
+        others = [name for name in parts if theirs.get(name) != getattr(self, name)]
         if others:
             raise InputError(
                 f"{where} is of another run, whose {' and '.join(others)} differ: start from the beginning"

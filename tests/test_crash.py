@@ -15,7 +15,7 @@ from pxr import Sdf, Usd, UsdGeom
 
 import pbd_warp as pbd
 from pbd_warp.run import run
-from pbd_warp.usd.animation import CHUNK
+from pbd_warp.usd.chunks import CHUNK
 
 resource = pytest.importorskip("resource", reason="signals and limits of POSIX")
 

@@ -7,13 +7,14 @@ from typing import Annotated, Any
 
 import typer
 
-from pbd_warp import check
 from pbd_warp.cli.app import app
 from pbd_warp.cli.options import Checkpoint, Debug, Device, Dtype, Every, Resume, changed, takes_settings
-from pbd_warp.cli.run import hooks_of, table
-from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.cli.run import hooks_of, table, written
+from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar, tell
 from pbd_warp.curves import Material, load_stage, simulate
+from pbd_warp.curves.layer import layer_files
 from pbd_warp.curves.scene import GRAVITY
+from pbd_warp.paths import check_apart
 from pbd_warp.run import Checkpoints
 from pbd_warp.usd.writer import check_path
 
@@ -54,9 +55,8 @@ def simulate_stage(
 ) -> None:
     """Simulate the curves of a USD stage and write the animation as a layer over it."""
     with one_sentence(debug):
-        check_path(out)
-        if stats is not None:
-            check.folder(stats.parent)
+        outputs = written(check_path(out), checkpoint, stats)
+        check_apart({"the stage": [stage]}, outputs)
         source = load_stage(
             stage,
             prim or (),
@@ -68,6 +68,7 @@ def simulate_stage(
             device,
             dtype or "float32",
         )
+        check_apart({"the stage": layer_files(source.stage)}, outputs)
         source = source.changed(settings=changed(source.scene.settings, changes))
         total = source.timeline.frames
         with progress_bar(source.scene.name) as advance, interruptible() as stop_if_asked:
@@ -75,4 +76,4 @@ def simulate_stage(
             result = simulate(source, out, flatten, hooks)
         if stats is not None:
             result.save(stats)
-        typer.echo(table(result))
+        tell(table(result))

@@ -6,10 +6,9 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Ar, Sdf, Usd, UsdGeom
 
 from pbd_warp.curves.scene import StageScene
-from pbd_warp.errors import InputError
 
 ATTRIBUTES = {
     "points": Sdf.ValueTypeNames.Point3fArray,
@@ -18,12 +17,10 @@ ATTRIBUTES = {
 }
 
 
-def check_out(source: Usd.Stage, out: Path) -> None:
-    """Raise an InputError where the output would replace a file that the input is made of."""
-    for layer in source.GetUsedLayers():
-        read = layer.realPath
-        if read and out.exists() and os.path.samefile(read.split("[")[0], out):
-            raise InputError(f"{out} is a file that the stage is read from: write to another")
+def layer_files(stage: Usd.Stage) -> list[Path]:
+    """The files that a stage is read from."""
+    paths = [Ar.SplitPackageRelativePathOuter(layer.realPath)[0] for layer in stage.GetUsedLayers()]
+    return [Path(path) for path in dict.fromkeys(paths) if path and Path(path).is_file()]
 
 
 def override_layer(source: StageScene, out: Path, metadata: Mapping[str, str | int | float]) -> Usd.Stage:

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from pxr import Vt
 
-from pbd_warp.curves.layer import animated_attributes, check_out, flattened, override_layer
+from pbd_warp.curves.layer import animated_attributes, flattened, layer_files, override_layer
 from pbd_warp.curves.scene import StageScene
+from pbd_warp.identity import Identity, digest_of_files
 from pbd_warp.model.model import Model, State
-from pbd_warp.run import Hooks, RunStats, make_frames, provenance
+from pbd_warp.paths import animation_files, check_apart
+from pbd_warp.run import Hooks, RunStats, make_frames, provenance, tell_cost
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd.animation import Animation
 from pbd_warp.usd.writer import check_path
@@ -33,19 +35,24 @@ def simulate(
         InputError: before anything is simulated or written.
         SimulationFailed: the frames so far are kept (see Animation).
     """
-    check_path(out)
-    check_out(source.stage, out)
+    out = check_path(out)
+    read = layer_files(source.stage)
+    check_apart({"the stage": read}, {"the output": animation_files(out)})
     scene = source.scene.changed(frames=source.timeline.frames, dt=1.0 / source.timeline.fps)
     model = scene.builder.finalize(source.device, source.dtype)
+    tell_cost(model, scene.settings, hooks)
     sim = Simulation(model, scene.settings)
     made_by = provenance(scene, model)
     stage = flattened(source, made_by) if flatten else override_layer(source, out, made_by)
     playback = Playback(source, model)
 
-    def open_writer(resume: int | None) -> StageWriter:
-        return StageWriter(playback, Animation(out, stage, animated_attributes(stage, source), resume))
+    def open_writer(resume: int | None, identity: Identity) -> StageWriter:
+        attributes = animated_attributes(stage, source)
+        return StageWriter(playback, Animation(out, stage, attributes, resume, identity=identity))
 
-    return make_frames(scene, sim, playback, open_writer, out, hooks)
+    timeline = source.timeline
+    said = [[curves.path for curves in source.curves], timeline.start, timeline.fps, timeline.time_codes_per_second]
+    return make_frames(scene, sim, playback, open_writer, out, hooks, digest_of_files(read, said))
 
 
 class StageWriter:
@@ -92,7 +99,7 @@ class Playback:
         ]
         self._x_start = model.x.astype(model.dtype).astype(np.float64)  # as rounded as the state
 
-    memory = None  # where pinned points are depends on the frame alone
+    script = memory = None  # where pinned points are depends on the stage and the frame alone
 
     def resume(self, memory: None, sim: Simulation) -> Simulation:
         return sim

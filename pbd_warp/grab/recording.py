@@ -161,18 +161,22 @@ class Replay:
 
     @property
     def memory(self) -> dict[str, Any]:
-        """For a checkpoint: the events, and how many of them are done."""
-        return {"events": self._recording.events_as_json(), "next": self._next}
+        """For a checkpoint: how many of the events are done."""
+        return {"next": self._next}
+
+    @property
+    def script(self) -> list[Any]:
+        """All events."""
+        return self._recording.events_as_json()
 
     def resume(self, memory: dict[str, Any], sim: Simulation) -> Simulation:
         """Go on from a checkpoint, with the settings in force there.
 
         Raises:
-            InputError: the checkpoint is of another recording.
+            InputError: this recording would not have left that.
         """
-        if not isinstance(memory, dict) or memory.get("events") != self._recording.events_as_json():
-            raise InputError("the checkpoint was left under other drags: start from the beginning, or with those")
-        self._next = memory["next"]
+        done = memory.get("next") if isinstance(memory, dict) else None
+        self._next = check.whole("events done before the checkpoint", done, low=0, high=len(self._recording.events))
         changes = [value for _, what, value in self._recording.events[: self._next] if what == CHANGE]
         if changes:
             sim = Simulation(self._model, changes[-1])

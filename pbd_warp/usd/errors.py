@@ -17,7 +17,7 @@ def as_os_error() -> Iterator[None]:
         raise OSError(reason(error)) from error
 
 
-def reason(error: Exception) -> str:
+def reason(error: BaseException) -> str:
     """USD's errors are many lines of where in its source; the first one's words are the reason."""
     if isinstance(error, Tf.ErrorException) and error.args:
         return str(getattr(error.args[0], "commentary", error))

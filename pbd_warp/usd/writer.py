@@ -14,8 +14,10 @@ from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, Vt
 
 from pbd_warp import check
 from pbd_warp.errors import InputError, SimulationFailed
+from pbd_warp.identity import Identity
 from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.model.model import Colliders, Model, State
+from pbd_warp.paths import check_file
 from pbd_warp.usd.animation import Animation
 
 EXTENSIONS = (".usda", ".usdc", ".usd")
@@ -33,14 +35,11 @@ CAMERA_MARGIN = 1.15
 
 
 def check_path(path: str | os.PathLike[str]) -> Path:
-    """The path as one that a stage can be written to, or an InputError that says why it is none."""
+    """The file that a stage can be written to there, through links, or an InputError that says why there is none."""
     out = Path(path)
     if out.suffix not in EXTENSIONS:
         raise InputError(f"{out} must end in one of {', '.join(EXTENSIONS)}, not in {out.suffix or 'nothing'!r}")
-    if out.is_dir():
-        raise InputError(f"{out} is a folder; name a file in it")
-    check.folder(out.parent)
-    return out
+    return check_file(out, added=".partial.frames")
 
 
 class UsdWriter:
@@ -58,6 +57,7 @@ class UsdWriter:
         fps: Frames, and time codes, a second.
         metadata: Provenance, kept as customLayerData: names to strings or numbers.
         resume: Go on after so many frames of what lies on disk; frames beyond are dropped.
+        identity: Of the run; only files that carry the same are gone on from.
 
     Attributes:
         frames: Frames written so far.
@@ -75,6 +75,7 @@ class UsdWriter:
         fps: float = 60.0,
         metadata: Mapping[str, str | int | float] | None = None,
         resume: int | None = None,
+        identity: Identity | None = None,
     ):
         self._path = check_path(path)
         self._model = model
@@ -103,7 +104,7 @@ class UsdWriter:
 
         attributes = [attribute for geometry in self._geometry for attribute in geometry.attributes]
         self._surroundings = _Surroundings(stage, model.colliders)
-        self._animation = Animation(self._path, stage, attributes, resume, self._surroundings.define)
+        self._animation = Animation(self._path, stage, attributes, resume, self._surroundings.define, identity)
         for extent in self._animation.values(self._geometry[0].extent):
             self._surroundings.include(extent)
 

@@ -1,0 +1,81 @@
+"""Kills at every system call that changes a name or syncs: what goes on from there ends byte-equal."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from campaign.processes import CALLS, SYNCS, Processes
+
+STAGE = Path(__file__).parents[1] / "data" / "cables_blender.usda"
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command that leaves checkpoints: how it begins, and how much it makes in all."""
+
+    name: str
+    suffix: str
+    start: tuple[str, ...]
+
+    @property
+    def arguments(self) -> list[str]:
+        return [*self.start, "--out", f"a{self.suffix}", "--checkpoint", "c.npz"]
+
+
+CASES = [
+    *(Case("run", suffix, ("run", "worm", "--frames", "135", "--every", "27")) for suffix in (".usda", ".usdc")),
+    Case("simulate", ".usda", ("simulate", "in.usda", "--substeps", "2", "--frames", "75", "--every", "29")),
+]
+
+
+def check(processes: Processes, case: Case, folder: Path, stride: int = 1) -> Iterator[tuple[str, str]]:
+    """Kill a command, and in a second series its resumption, at every `stride`-th call; gives (moment, complaint)."""
+    whole = fresh(folder / "whole")
+    assert processes.call(*case.arguments, cwd=whole).code == 0
+    expected = (whole / f"a{case.suffix}").read_bytes()
+    half = fresh(folder / "half")
+    calls = processes.count(CALLS, *case.arguments, cwd=fresh(folder / "counted"))
+    processes.call(*case.arguments, cwd=half, kill=(CALLS, calls // 2))
+    assert (half / "c.npz").exists()
+    assert not (half / f"a{case.suffix}").exists()
+    resumed = [*case.arguments, "--resume"]
+    for begun, arguments in (None, case.arguments), (half, resumed):
+        for kind in CALLS, SYNCS:
+            count = processes.count(kind, *arguments, cwd=fresh(folder / "counted", begun))
+            for number in range(1, count + 1, stride):
+                work = fresh(folder / "work", begun)
+                ended = processes.call(*arguments, cwd=work, kill=(kind, number))
+                moment = f"{case.name}{case.suffix} {'resumed' if begun else 'begun'}, {kind.split(',')[0]}... {number}"
+                if ended.code != -9:
+                    yield moment, "" if ended.code == 0 else f"not killed but ended with {ended.code}: {ended.err}"
+                    continue
+                yield moment, _gone_on(processes, case, work, expected)
+
+
+def _gone_on(processes: Processes, case: Case, work: Path, expected: bytes) -> str:
+    """What is wrong when a killed command is run again."""
+    out = work / f"a{case.suffix}"
+    if out.exists() and out.read_bytes() != expected:
+        return "the file under the name asked for is not the whole one"
+    more = ["--resume"] if (work / "c.npz").exists() else []
+    ended = processes.call(*case.arguments, *more, cwd=work)
+    if ended.code:
+        return f"it does not go on: {ended.err.strip()}"
+    if out.read_bytes() != expected:
+        return "what went on is not byte-equal"
+    left = sorted(path.name for path in work.iterdir() if path.name != "in.usda")
+    return "" if left == [out.name, "c.npz"] else f"litter: {left}"
+
+
+def fresh(folder: Path, like: Path | None = None) -> Path:
+    """The folder anew, with the input, or as another one is."""
+    shutil.rmtree(folder, ignore_errors=True)
+    if like is not None:
+        shutil.copytree(like, folder)
+    else:
+        folder.mkdir(parents=True)
+        shutil.copy(STAGE, folder / "in.usda")
+    return folder
