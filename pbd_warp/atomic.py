@@ -108,7 +108,8 @@ def hidden(path: Path) -> Path:
 
 def clear_hidden(path: Path) -> None:
     """Remove what killed processes left of `hidden` files; only while no other process writes to `path`."""
-    ours = re.compile(rf"\.{re.escape(path.stem)}\.[0-9a-f]{{8}}\.new{re.escape(path.suffix)}")
+    # Or six letters in place of the suffix: USD, too, writes to another name first.
+    ours = re.compile(rf"\.{re.escape(path.stem)}\.[0-9a-f]{{8}}\.new({re.escape(path.suffix)}|\.\w{{6}})")
     for file in path.parent.iterdir():
         if ours.fullmatch(file.name):
             with contextlib.suppress(OSError):

@@ -20,8 +20,8 @@ from pbd_warp.usd.merge import Frame, declare
 CHUNK = 32
 """Frames a chunk: at most so many are lost when the process is killed."""
 
-OURS = re.compile(r"\d{6,}\.usdc|(new|merged)\.usd[ac]?")
-"""Names of our files in the folder; others are somebody's own."""
+OURS = re.compile(r"\d{6,}\.usdc|(new|merged)\.(usd[ac]?|\w{6})")
+"""Names of our files in the folder, and of those that USD writes to on the way; others are somebody's own."""
 
 
 class Chunks:
