@@ -17,7 +17,7 @@ LAUNCH = 1000
 
 def too_much(model: Model, settings: Settings) -> str | None:
     """A sentence on settings with which a frame takes very long, None where it does not."""
-    work = settings.substeps * settings.method.iterations * (model.constraint_count + LAUNCH)
+    work = settings.whole_substeps * settings.method.iterations * (model.constraint_count + LAUNCH)
     if work <= MOST_PROJECTIONS:
         return None
     return (

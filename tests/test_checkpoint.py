@@ -27,6 +27,7 @@ CASES = {
     "soft": (lambda **kw: rope_model(stiffness=0.5, **kw), {"method": pbd.Jacobi(5), "damping": 0.1}),
     "contacts": (lambda **kw: crowd_model(np.random.default_rng(7), **kw), {"depenetration_speed": 2.0}),
     "subdivide": (rope_model, {"method": pbd.Direct(7), "on_failure": "subdivide", "limits": pbd.Limits(5.0, 100.0)}),
+    "explicit": (lambda **kw: rope_model(pinned=(), **kw), {"integrator": "dop853"}),
     "uncaptured": (rope_model, {"capture": False}),
 }
 

@@ -36,13 +36,9 @@ def check(processes: Processes, case: Case, folder: Path, stride: int = 1) -> It
     whole = fresh(folder / "whole")
     assert processes.call(*case.arguments, cwd=whole).code == 0
     expected = (whole / f"a{case.suffix}").read_bytes()
-    half = fresh(folder / "half")
-    calls = processes.count(CALLS, *case.arguments, cwd=fresh(folder / "counted"))
-    processes.call(*case.arguments, cwd=half, kill=(CALLS, calls // 2))
-    assert (half / "c.npz").exists()
-    assert not (half / f"a{case.suffix}").exists()
+    unfinished = _unfinished(processes, case, folder)
     resumed = [*case.arguments, "--resume"]
-    for begun, arguments in (None, case.arguments), (half, resumed):
+    for begun, arguments in (None, case.arguments), (unfinished, resumed):
         for kind in CALLS, SYNCS:
             count = processes.count(kind, *arguments, cwd=fresh(folder / "counted", begun))
             for number in range(1, count + 1, stride):
@@ -53,6 +49,17 @@ def check(processes: Processes, case: Case, folder: Path, stride: int = 1) -> It
                     yield moment, "" if ended.code == 0 else f"not killed but ended with {ended.code}: {ended.err}"
                     continue
                 yield moment, _gone_on(processes, case, work, expected)
+
+
+def _unfinished(processes: Processes, case: Case, folder: Path) -> Path:
+    """What a kill leaves at the last moment: a checkpoint, and frames far beyond it."""
+    calls = processes.count(CALLS, *case.arguments, cwd=fresh(folder / "counted"))
+    for number in range(calls, 0, -1):
+        left = fresh(folder / "unfinished")
+        processes.call(*case.arguments, cwd=left, kill=(CALLS, number))
+        if not (left / f"a{case.suffix}").exists():
+            return left
+    raise AssertionError("it is always whole")
 
 
 def _gone_on(processes: Processes, case: Case, work: Path, expected: bytes) -> str:
