@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pxr import Usd, UsdGeom
+
 from campaign.processes import CALLS, SYNCS, Processes
 
 STAGE = Path(__file__).parents[1] / "data" / "cables_blender.usda"
@@ -35,7 +37,7 @@ def check(processes: Processes, case: Case, folder: Path, stride: int = 1) -> It
     """Kill a command, and in a second series its resumption, at every `stride`-th call; gives (moment, complaint)."""
     whole = fresh(folder / "whole")
     assert processes.call(*case.arguments, cwd=whole).code == 0
-    expected = (whole / f"a{case.suffix}").read_bytes()
+    expected = whole / f"a{case.suffix}"
     unfinished = _unfinished(processes, case, folder)
     resumed = [*case.arguments, "--resume"]
     for begun, arguments in (None, case.arguments), (unfinished, resumed):
@@ -62,11 +64,14 @@ def _unfinished(processes: Processes, case: Case, folder: Path) -> Path:
     raise AssertionError("it is always whole")
 
 
-def _gone_on(processes: Processes, case: Case, work: Path, expected: bytes) -> str:
-    """What is wrong when a killed command is run again."""
-    out = work / f"a{case.suffix}"
+def _gone_on(processes: Processes, case: Case, work: Path, whole: Path) -> str:
+    """What is wrong with what a kill has left, or when the command is run again."""
+    out, expected = work / whole.name, whole.read_bytes()
     if out.exists() and out.read_bytes() != expected:
         return "the file under the name asked for is not the whole one"
+    unfinished = work / f"a.partial{case.suffix}"
+    if unfinished.exists() and not _shows_first_frames(unfinished, whole):
+        return "the unfinished stage has a gap"
     more = ["--resume"] if (work / "c.npz").exists() else []
     ended = processes.call(*case.arguments, *more, cwd=work)
     if ended.code:
@@ -75,6 +80,21 @@ def _gone_on(processes: Processes, case: Case, work: Path, expected: bytes) -> s
         return "what went on is not byte-equal"
     left = sorted(path.name for path in work.iterdir() if path.name != "in.usda")
     return "" if left == [out.name, "c.npz"] else f"litter: {left}"
+
+
+def _shows_first_frames(unfinished: Path, whole: Path) -> bool:
+    """Whether a stage shows the frames of another from the first on, without a gap."""
+    stage, expected = (Usd.Stage.Open(str(path)) for path in (unfinished, whole))
+    checked = 0
+    for prim in stage.Traverse():
+        points = UsdGeom.PointBased(prim).GetPointsAttr() if prim.IsA(UsdGeom.PointBased) else None
+        times = points.GetTimeSamples() if points else []
+        if len(times) > 1:
+            other = expected.GetAttributeAtPath(points.GetPath())
+            checked += 1
+            if times != other.GetTimeSamples()[: len(times)] or any(points.Get(t) != other.Get(t) for t in times):
+                return False
+    return checked > 0
 
 
 def fresh(folder: Path, like: Path | None = None) -> Path:
