@@ -84,6 +84,10 @@ class Ended:
     seconds: float
 
     @property
+    def last_line(self) -> str:
+        return (self.err.strip().splitlines() or [""])[-1]
+
+    @property
     def complaint(self) -> str:
         """What is wrong with how it ended, whatever it was asked: empty if nothing."""
         if self.seconds > HANG:
@@ -91,11 +95,11 @@ class Ended:
         if self.code < 0:
             return f"crash: signal {-self.code}"
         if "Traceback (most recent call last)" in self.err or self.code == 99:
-            return "traceback"
+            return f"traceback: {self.last_line}"
         if "should have been a clearer sentence" in self.err:
-            return "no clear sentence"
+            return f"no clear sentence: {self.last_line}"
         if self.code and not re.search(r"^(pbd-warp|Error): ", self.err, re.MULTILINE):
-            return "no sentence"
+            return f"no sentence: {self.last_line}"
         if self.code not in (0, 1, 2, 130):
             return f"exit code {self.code}"
         return ""
