@@ -11,12 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from pbd_warp.errors import InputError
 from pbd_warp.model.model import Model, masses
 from pbd_warp.settings import Settings
 from pbd_warp.step.divergence import STRETCHED
 from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS
 from pbd_warp.step.integrators.springs import stiffest
-from pbd_warp.step.methods.direct import Direct, paths
+from pbd_warp.step.methods.direct import Direct
 from pbd_warp.step.methods.jacobi import Jacobi
 from pbd_warp.step.methods.spectrum import JacobiSweep
 
@@ -221,7 +222,10 @@ def _unreachable(now: Snapshot) -> Iterator[PreflightWarning]:
     locked[model.point.particle[rigid]] = True
     x[model.point.particle[rigid]] = now.point_target[rigid]
     edges = model.distance
-    vertex, first, link = paths(edges.edge, model.point.particle)
+    try:
+        vertex, first, link = paths(edges.edge, model.point.particle)
+    except InputError:
+        return  # a graph that is no set of paths
     length = np.where(link >= 0, np.append(edges.rest_length, 0.0)[link], 0.0)
     soft = np.where(link >= 0, np.append(edges.compliance, 0.0)[link] > 0.0, False)
     for begin, end in pairwise(first):
@@ -255,6 +259,42 @@ def _rounding(now: Snapshot) -> Iterator[PreflightWarning]:
     rounding = ROUNDED * float(np.finfo(now.model.dtype).eps) * far
     text = f"{now.model.dtype} rounds positions {far:.3g} m from the origin to {rounding:.1g} m in a second of steps"
     yield PreflightWarning("precision", text, rounding / now.settings.error)
+
+
+def paths(edge: np.ndarray, locked: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A graph as paths: vertex [p] along all of them, first [paths + 1], link [p], the edge to the next vertex or -1.
+
+    Particles without an edge are left out, but for the `locked` ones. Raises an InputError for a graph that is no set
+    of paths.
+    """
+    count = int(max(edge.max(initial=-1), locked.max(initial=-1))) + 1
+    degree = np.bincount(edge.ravel(), minlength=count)
+    hint = "method 'direct' needs paths (ropes, chains); use 'jacobi' or 'gauss-seidel' for this graph"
+    if np.any(degree > 2):
+        raise InputError(f"particle {int(np.argmax(degree > 2))} has {degree.max()} distances: {hint}")
+    around: list[list[tuple[int, int]]] = [[] for _ in range(count)]
+    for number, (i, j) in enumerate(edge.tolist()):
+        around[i].append((j, number))
+        around[j].append((i, number))
+    vertex: list[int] = []
+    link: list[int] = []
+    first = [0]
+    done = np.zeros(count, bool)
+    for end in [*np.flatnonzero(degree == 1).tolist(), *locked[degree[locked] == 0].tolist()]:
+        if done[end]:
+            continue
+        at, came_by = end, -1
+        while at >= 0:
+            done[at] = True
+            vertex.append(at)
+            ahead = [(to, number) for to, number in around[at] if number != came_by]
+            at, came_by = ahead[0] if ahead else (-1, -1)
+            link.append(came_by)
+        first.append(len(vertex))
+    closed = np.flatnonzero((degree > 0) & ~done)
+    if closed.size:
+        raise InputError(f"particle {closed[0]} is part of a closed loop: {hint}")
+    return np.array(vertex, np.int32), np.array(first, np.int32), np.array(link, np.int32)
 
 
 CHECKS = (_unreachable, _relaxation, _truncation, _step, _precision)

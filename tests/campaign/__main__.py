@@ -14,8 +14,8 @@ from pathlib import Path
 
 sys.path[0] = str(Path(__file__).parents[1])
 
-from campaign import damage, inputs, kills, threads
-from campaign.processes import Processes, may_trace
+from campaign import damage, inputs, kills, threads  # noqa: E402
+from campaign.processes import Processes, may_trace  # noqa: E402
 
 
 def count(pairs: object) -> tuple[int, list[str]]:

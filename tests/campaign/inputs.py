@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import random
 import shutil
@@ -16,25 +17,8 @@ from campaign.processes import Ended, Processes
 
 STAGE = Path(__file__).parents[1] / "data" / "cables_blender.usda"
 
-NUMBERS = ["0", "-1", "1", "2", "1e308", "-1e308", "1e-300", "nan", "inf", "2147483648", "99999999999999999999", "0x10"]
-TEXTS = [
-    "",
-    " ",
-    "a\nb",
-    "\udcff",
-    "x" * 300,
-    "--help",
-    "-",
-    "*",
-    "[",
-    "é",
-    "null",
-    "../..",
-    "/",
-    "a b",
-    "%n",
-    "\x1b[31m",
-]
+NUMBERS = ["0", "-1", "1", "2", "1e308", "-1e308", "1e-300", "nan", "inf", "2147483648", "9" * 20, "0x10"]
+TEXTS = ["", " ", "a\nb", "\udcff", "x" * 300, "--help", "-", "*", "[", "é", "null", "../..", "/", "a b", "\x1b[31m"]
 PATHS = ["out.usda", "out.usdc", "out.usd", "in.usda", "own.py", "c.npz", "folder", "folder/x.usda", "nowhere/x.usda"]
 PATHS += ["/dev/null", "/dev/full", "/proc/self/mem", "out.partial.usda", "link.usda", "s.json", "@x@.usda", "a#b.usdc"]
 
@@ -129,7 +113,7 @@ def check_arguments(processes: Processes, folder: Path, count: int, seed: int = 
         (folder / "own.py").write_text(OWN)
         line = arguments(chance)
         ended = processes.call(*line, cwd=folder)
-        complaint = "" if "--debug" in line and ended.complaint == "traceback" else ended.complaint
+        complaint = "" if "--debug" in line and "Traceback" in ended.err else ended.complaint
         for name, content in (("in.usda", STAGE.read_text()), ("own.py", OWN)):
             if not (folder / name).exists() or (folder / name).read_text() != content:
                 complaint = complaint or f"{name} was replaced"
@@ -199,21 +183,15 @@ def _attribute(file: Path, chance: random.Random) -> str:
         if chance.random() < 0.4:
             kind = spec.attributes[name].typeName
         when = chance.random() < 0.5
-        try:
-            if not when:
-                del spec.properties[name]
-                Sdf.AttributeSpec(spec, name, kind)
+        with contextlib.suppress(Tf.ErrorException, RuntimeError, TypeError):  # USD refuses some of it itself
             if when:
                 layer.SetTimeSample(f"{prim.GetPath()}.{name}", chance.choice([-1.0, 1.0, 2.0, 3.5, 1e300]), value)
             else:
-                spec.attributes[name].default = value
-        except (Tf.ErrorException, RuntimeError, TypeError):
-            pass  # the stage is then as it was
+                del spec.properties[name]
+                Sdf.AttributeSpec(spec, name, kind).default = value
     else:
-        try:
+        with contextlib.suppress(Tf.ErrorException, RuntimeError):
             Sdf.AttributeSpec(spec, name, kind).default = value
-        except (Tf.ErrorException, RuntimeError):
-            pass
     layer.Export(str(file))
     return f"{prim.GetPath()}.{name} = {kind} {str(value)[:40]}"
 
