@@ -17,13 +17,11 @@ LAUNCH = 1000
 
 def too_much(model: Model, settings: Settings) -> str | None:
     """A sentence on settings with which a frame takes very long, None where it does not."""
-    work = settings.whole_substeps * settings.method.iterations * (model.constraint_count + LAUNCH)
+    steps = settings.dt / settings.step_dt
+    work = steps * settings.method.iterations * (model.constraint_count + LAUNCH)
     if work <= MOST_PROJECTIONS:
         return None
-    return (
-        f"each frame takes {work:.1g} projections of constraints, which is minutes or more: "
-        f"{settings.substeps} substeps of up to {settings.method.iterations} iterations are hardly meant"
-    )
+    return f"each frame takes {work:.1g} projections of constraints, which is minutes or more, with {settings}"
 
 
 def cost_sheet(sim: Simulation) -> str:

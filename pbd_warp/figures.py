@@ -11,7 +11,10 @@ from pbd_warp import check
 from pbd_warp.atomic import write_text
 from pbd_warp.errors import InputError
 from pbd_warp.measure import measure
+from pbd_warp.model.model import Model
+from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
+from pbd_warp.version import __version__
 
 
 @dataclass(frozen=True)
@@ -86,3 +89,17 @@ class Progress:
         if sim.unconverged is not None:
             self.unconverged = (self.unconverged or 0) + sim.unconverged
         self.wall += seconds
+
+
+def provenance(scene: Scene, model: Model) -> dict[str, Any]:
+    """How a file was made, for its customLayerData."""
+    return {
+        "version": __version__,
+        "scene": scene.name,
+        "device": str(model.device),
+        "dtype": model.dtype,
+        "method": scene.settings.method.name,
+        "integrator": scene.settings.integrator,
+        "substeps": scene.settings.substeps,
+        "iterations": scene.settings.method.iterations,
+    }

@@ -17,7 +17,7 @@ from pbd_warp.atomic import clear_hidden, through_links
 from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.cost import too_much
 from pbd_warp.errors import InputError, Interrupted, SimulationFailed
-from pbd_warp.figures import Progress, RunStats
+from pbd_warp.figures import Progress, RunStats, provenance
 from pbd_warp.grab.controller import Controller, play
 from pbd_warp.grab.drag import Drag
 from pbd_warp.grab.recording import Recording, Replay
@@ -31,7 +31,6 @@ from pbd_warp.scene import Scene
 from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd.writer import UsdWriter
-from pbd_warp.version import __version__
 
 
 @dataclass(frozen=True)
@@ -118,20 +117,6 @@ def tell_cost(model: Model, settings: Settings, hooks: Hooks) -> None:
     sentence = too_much(model, settings)
     if sentence:
         hooks.on_start(sentence)
-
-
-def provenance(scene: Scene, model: Model) -> dict[str, Any]:
-    """How a file was made, for its customLayerData."""
-    return {
-        "version": __version__,
-        "scene": scene.name,
-        "device": str(model.device),
-        "dtype": model.dtype,
-        "method": scene.settings.method.name,
-        "integrator": scene.settings.integrator,
-        "substeps": scene.settings.substeps,
-        "iterations": scene.settings.method.iterations,
-    }
 
 
 def make_frames(

@@ -11,10 +11,11 @@ from pxr import Vt
 
 from pbd_warp.curves.layer import animated_attributes, flattened, layer_files, override_layer
 from pbd_warp.curves.scene import StageScene
+from pbd_warp.figures import RunStats, provenance
 from pbd_warp.identity import Identity, digest_of_files
 from pbd_warp.model.model import Model, State
 from pbd_warp.paths import animation_files, check_apart
-from pbd_warp.run import Hooks, RunStats, make_frames, provenance, tell_cost
+from pbd_warp.run import Hooks, make_frames, tell_cost
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd.animation import Animation
 from pbd_warp.usd.writer import check_path

@@ -6,7 +6,8 @@ import contextlib
 import json
 import random
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -115,9 +116,13 @@ def check_arguments(processes: Processes, folder: Path, count: int, seed: int = 
         ended = processes.call(*line, cwd=folder)
         complaint = "" if "--debug" in line and "Traceback" in ended.err else ended.complaint
         for name, content in (("in.usda", STAGE.read_text()), ("own.py", OWN)):
-            if not (folder / name).exists() or (folder / name).read_text() != content:
+            read = line[1:2] == [name] or (
+                line[1:2] == ["link.usda"] and (folder / "link.usda").samefile(folder / name)
+            )
+            if read and (folder / name).read_text() != content:
                 complaint = complaint or f"{name} was replaced"
-        yield " ".join(map(repr, line)), complaint or _wrong_outputs(folder, ended)
+        others = {value for option, value in pairwise(line) if option in ("--stats", "--checkpoint", "--csv")}
+        yield " ".join(map(repr, line)), complaint or _wrong_outputs(folder, ended, others)
 
 
 # Stages.
@@ -300,9 +305,14 @@ def _mutate(data: Any, chance: random.Random) -> str:
         return f"{'.'.join(where)} = {data[key]!r}"
 
 
-def _wrong_outputs(folder: Path, ended: Ended) -> str:
-    """What is wrong with what a command has left: an output that does not open or is not finite, litter, silence."""
+def _wrong_outputs(folder: Path, ended: Ended, others: Container[str] = ()) -> str:
+    """What is wrong with what a command has left: an output that does not open or is not finite, litter, silence.
+
+    others: Names of what is no animation, whatever it ends in.
+    """
     for path in folder.rglob("*"):
+        if str(path.relative_to(folder)) in others:
+            continue
         if path.suffix in (".usda", ".usdc", ".usd") and path.name.startswith("out") and path.is_file():
             try:
                 stage = Usd.Stage.Open(str(path))
