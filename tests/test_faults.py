@@ -142,8 +142,8 @@ def test_links_are_written_through(processes, folder):
     (folder / "there").mkdir()
     for name in ("a.usda", "c.npz", "s.json"):
         (folder / name).symlink_to(f"there/{name}")
-    command = "run worm --frames 9 --out a.usda --checkpoint c.npz --every 4 --stats s.json".split()
-    assert processes.call(*command, cwd=folder).code == 0
+    command = "run worm --frames 9 --out a.usda --checkpoint c.npz --every 4 --stats s.json"
+    assert processes.call(*command.split(), cwd=folder).code == 0
     assert sorted(path.name for path in (folder / "there").iterdir()) == ["a.usda", "c.npz", "s.json"]
     assert all((folder / name).is_symlink() for name in ("a.usda", "c.npz", "s.json"))
 
