@@ -55,10 +55,7 @@ def simulated(path, out=None, flatten=False, settings=(), **options):
     """Simulate a stage file; gives the stage that came out, what was simulated, and its figures."""
     out = out or path.with_name(f"sim_{path.stem}.usda")
     material = Material(**{name: options.pop(name) for name in MATERIAL if name in options})
-    source = load_stage(path, material=material, **options)
-    for name, value in dict(settings).items():
-        assert hasattr(source.scene, name)
-        setattr(source.scene, name, value)
+    source = load_stage(path, material=material, **options).changed(**dict(settings))
     before = path.read_bytes()
     stats = simulate(source, out, flatten)
     assert path.read_bytes() == before, "the input is never touched"
