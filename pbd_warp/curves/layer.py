@@ -9,13 +9,18 @@ from pathlib import Path
 from pxr import Sdf, Usd, UsdGeom
 
 from pbd_warp.curves.scene import StageScene
+from pbd_warp.curves.skinning import unbind
 from pbd_warp.errors import InputError
 
 ATTRIBUTES = {
     "points": Sdf.ValueTypeNames.Point3fArray,
     "velocities": Sdf.ValueTypeNames.Vector3fArray,
     "extent": Sdf.ValueTypeNames.Float3Array,
+    "tangents": Sdf.ValueTypeNames.Vector3fArray,
 }
+
+OF_THE_FILE = ("subLayers", "subLayerOffsets", "primChildren", "layerRelocates", "documentation", "comment", "owner")
+"""What a layer says of itself; the rest of its metadata is about the stage, and USD reads it of the root layer only."""
 
 
 def check_out(source: Usd.Stage, out: Path) -> None:
@@ -33,9 +38,11 @@ def override_layer(source: StageScene, out: Path, metadata: Mapping[str, str | i
     path = _relative(source.path, out.parent)
     stage.MuteLayer(path)  # it is not to be found from memory, only from where the file will be
     layer.subLayerPaths.append(path)
-    if source.stage.GetRootLayer().defaultPrim:
-        layer.defaultPrim = source.stage.GetRootLayer().defaultPrim
-    layer.customLayerData = dict(metadata)
+    read = source.stage.GetRootLayer().pseudoRoot
+    for key in read.ListInfoKeys():
+        if key not in OF_THE_FILE:
+            layer.pseudoRoot.SetInfo(key, read.GetInfo(key))
+    layer.customLayerData = {**layer.customLayerData, **metadata}
     _describe(stage, source)
     return stage
 
@@ -47,18 +54,20 @@ def flattened(source: StageScene, metadata: Mapping[str, str | int | float]) -> 
     stage = Usd.Stage.Open(layer)
     _describe(stage, source)
     for curves in source.curves:
-        for name in ATTRIBUTES:
+        for name in curves.attributes:
             stage.GetPrimAtPath(curves.path).RemoveProperty(name)
     return stage
 
 
 def animated_attributes(stage: Usd.Stage, source: StageScene) -> list[Usd.Attribute]:
-    """What gets a value a frame: points, velocities and extent of each prim, one prim after the other."""
+    """What gets a value a frame: the attributes of each prim, one prim after the other."""
     attributes = []
     for curves in source.curves:
         prim = stage.OverridePrim(curves.path)
-        attributes += [prim.CreateAttribute(name, kind, False) for name, kind in ATTRIBUTES.items()]
-        _block_what_is_no_longer_true(stage, source.stage.GetPrimAtPath(curves.path))
+        attributes += [prim.CreateAttribute(name, ATTRIBUTES[name], False) for name in curves.attributes]
+        _block_what_is_no_longer_true(stage, curves.prim)
+        if curves.skinning:
+            unbind(stage, curves.path)
     return attributes
 
 
