@@ -10,11 +10,12 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from pbd_warp import check, retry
+from pbd_warp import retry
 from pbd_warp.checkpoint import Checkpoint
-from pbd_warp.errors import InputError, SimulationFailed
+from pbd_warp.errors import SimulationFailed
 from pbd_warp.failure import describe
 from pbd_warp.loop import Loop
+from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
 from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
 from pbd_warp.settings import Settings
@@ -25,7 +26,7 @@ class Simulation:
     """Runs a model, frame by frame.
 
     Args:
-        model: What to simulate.
+        model: What to simulate; a builder is finalized with its defaults.
         settings: How; the defaults of `Settings` unless given.
         **changes: Settings by name that take the place of those: dt, substeps, method, integrator, damping, ...
 
@@ -40,7 +41,9 @@ class Simulation:
         InputError: a setting that makes no sense, or that method or integrator refuse for this model.
     """
 
-    def __init__(self, model: Model, settings: Settings | None = None, **changes: Any):
+    def __init__(self, model: Model | ModelBuilder, settings: Settings | None = None, **changes: Any):
+        if isinstance(model, ModelBuilder):
+            model = model.finalize()
         settings = (settings or Settings()).changed(**changes)
         self.settings = settings
         self._given_model = model
@@ -111,7 +114,7 @@ class Simulation:
         Checkpoint(self._given_model, self.settings, progress, arrays, dict(extra or {})).write(path)
 
     @classmethod
-    def load(cls, path: str | Path, device: Any = None) -> Simulation:
+    def load(cls, path: str | Path, device: str | wp.Device | None = None) -> Simulation:
         """The simulation that `save` wrote, model included; it goes on as if it had never stopped, bit for bit on the
         CPU.
 
@@ -218,17 +221,13 @@ class Simulation:
 
     def grab(self, particle: int) -> None:
         """Take hold of a particle: it stays where it is, whatever pulls at it, until `move_to` or `release`."""
-        check.indices("grab", [particle], self.model.particle_count)
-        self._kinematic.release()
-        self._kinematic.grab(int(particle))
+        self._kinematic.grab(particle)
         self._loop.integrator.restart()
 
     def move_to(self, position: ArrayLike) -> None:
         """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over the substeps, to
         round-off."""
-        if self.held is None:
-            raise InputError("move_to needs a grabbed particle: call grab(particle) first")
-        self._kinematic.move_held(self.frame, check.vector("position", position))
+        self._kinematic.move_held(self.frame, position)
 
     def release(self) -> None:
         """Let go. A free particle keeps the velocity it was moved with; a fixed one stays where it is."""
@@ -247,14 +246,7 @@ class Simulation:
         Raises:
             InputError: a particle that is not fixed (grab those), or not as many positions as particles.
         """
-        index = np.atleast_1d(check.indices("lead", particles, self.model.particle_count))
-        target = check.vectors("positions", positions)
-        if len(target) != len(index):
-            raise InputError(f"lead needs a position for each of {len(index)} particles, not {len(target)}")
-        free = index[self.model.w[index] > 0.0]
-        if free.size:
-            raise InputError(f"lead takes fixed particles, but particle {free[0]} has mass: fix it (mass 0) or grab it")
-        self._kinematic.move_fixed(self.frame, index, target)
+        self._kinematic.move_fixed(self.frame, particles, positions)
 
     def __repr__(self) -> str:
         return f"Simulation({self.model!r}, frame {self.frame} of {self.dt:g} s, {self.settings})"
@@ -264,11 +256,8 @@ class Simulation:
         return f"frame {self.frame} (t = {self.time:.6g} s)"
 
     def _retry(self) -> bool:
-        """Make a failed frame again from its start, with settings that are more robust, until an attempt succeeds.
-
-        After it the simulation goes on with its own settings; integrator and method begin anew, since what they
-        remember belongs to another step length.
-        """
+        """Make a failed frame again from its start, with settings that are more robust, until an attempt succeeds;
+        then go on with the own ones. Integrator and method begin anew: what they remember is of another step."""
         for name, settings in retry.attempts(self.settings):
             if name not in self._spares:
                 self._spares[name] = Simulation(self._given_model, settings)

@@ -16,7 +16,7 @@ from pbd_warp.step.launch import Launcher
 from pbd_warp.step.methods import Direct, GaussSeidel, Method
 
 TAUT = 1e-3
-"""A rope with less slack than this part of its length hangs by forces that grow without bounds as it goes to 0."""
+"""A rope with less slack than this fraction of its length hangs by forces that grow without bounds as it goes to 0."""
 
 
 def add_ropes(
@@ -27,7 +27,7 @@ def add_ropes(
         x, edges = each.x - origin, each.sampling.edges
         length = seen_lengths(x, edges, device, dtype)
         added = builder.add_particles(x, mass=_masses(each, edges, length), radius=0.5 * each.width)
-        builder.add_distances((edges + added.start).astype(np.int32), length, compliance=each.material.compliance)
+        builder.add_distances((edges + added.start).astype(np.int32), length, compliance=each.material.compliance or 0.0)
 
 
 def leave_what_has_no_length(

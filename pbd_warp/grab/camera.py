@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pbd_warp import check
 from pbd_warp.errors import InputError
@@ -33,7 +34,7 @@ class Camera:
             of view outside (0, pi), a screen without area.
     """
 
-    def __init__(self, eye: Any, forward: Any, up: Any, field_of_view: float, size: Any):
+    def __init__(self, eye: ArrayLike, forward: ArrayLike, up: ArrayLike, field_of_view: float, size: ArrayLike):
         self.eye = _bounded("camera: eye", check.vector("camera: eye", eye), FARTHEST)
         self.forward = _unit("camera: forward", check.vector("camera: forward", forward))
         right = np.cross(self.forward, _unit("camera: up", check.vector("camera: up", up)))
@@ -61,7 +62,7 @@ class Camera:
         away = x - self.eye
         return 0.5 * self.size + scale[:, None] * np.stack([away @ self.right, -(away @ self.up)], axis=1)
 
-    def pick(self, x: np.ndarray, radius: np.ndarray, at: Any, reach: float) -> int | None:
+    def pick(self, x: np.ndarray, radius: np.ndarray, at: ArrayLike, reach: float) -> int | None:
         """The particle nearest to a place on the screen, None where none is within `reach` [px].
 
         The distance is to the disc that shows the particle, so 0 on it. Of several at the same distance the front-most
@@ -85,7 +86,7 @@ class Camera:
         order = np.lexsort((front[near], np.round(gap[near] / TIE)))
         return int(near[order[0]])
 
-    def on_facing_plane(self, at: Any, through: np.ndarray) -> np.ndarray:
+    def on_facing_plane(self, at: ArrayLike, through: np.ndarray) -> np.ndarray:
         """The point shown at a place on the screen that lies in the camera-facing plane through a point [m].
 
         Raises:
@@ -97,7 +98,7 @@ class Camera:
             raise InputError("camera: the held particle is behind it")
         return self.eye + depth * (self.forward + x * self.right - y * self.up)
 
-    def place(self, at: Any) -> np.ndarray:
+    def place(self, at: ArrayLike) -> np.ndarray:
         """A place on the screen or near it [px], [2]."""
         return _pair("at", at, 2.0 * LARGEST_SCREEN)
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pbd_warp import check
 from pbd_warp.grab.camera import Camera
@@ -41,7 +42,7 @@ class Grabber:
         self.sim.grab(particle)
         self._note("select", particle)
 
-    def move(self, position: Any) -> None:
+    def move(self, position: ArrayLike) -> None:
         """Where the particle in hand is at the end of the next frame [m]."""
         position = check.vector("position", position)
         self.sim.move_to(position)
@@ -53,7 +54,7 @@ class Grabber:
             self.sim.release()
             self._note("deselect", None)
 
-    def click(self, camera: Camera, at: Any, radius: np.ndarray) -> None:
+    def click(self, camera: Camera, at: ArrayLike, radius: np.ndarray) -> None:
         """Select the particle at a place on the screen [px], or let go; `radius` [m], [particle_count], as drawn."""
         if self.particle is not None:
             self.deselect()
@@ -62,7 +63,7 @@ class Grabber:
         if picked is not None:
             self.select(picked)
 
-    def hover(self, camera: Camera, at: Any) -> None:
+    def hover(self, camera: Camera, at: ArrayLike) -> None:
         """Move the particle in hand to a place on the screen [px]; nothing without one."""
         if self.particle is not None:
             assert self.sim.held_target is not None
