@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -44,7 +45,7 @@ class BasisKind:
     wrap: str
     counts: np.ndarray
     points: np.ndarray
-    tangents = False
+    tangents: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         if self.basis not in (LINEAR, *BASES):
@@ -134,7 +135,7 @@ class BasisKind:
         place = np.cumsum(new)
         place -= np.repeat(place[first], self.counts[self.counts > 0])
         if self.closed:
-            for curve in np.flatnonzero(self.counts > 1):
+            for curve in np.flatnonzero(self.counts > 1).tolist():
                 span = self._span(curve)
                 own, last = place[span], place[span].max()
                 if np.array_equal(self.points[span][-1], self.points[span.start]):

@@ -42,8 +42,8 @@ def add_collider(builder: ModelBuilder, prim: Usd.Prim, time_codes: np.ndarray, 
             raise InputError("it changes with time, which is not supported for a collider: leave it out of --collide")
         linear, offset = placement.at(float(time_codes[0]))
         value = shape.Get(float(time_codes[0]))
-        if value is None or (plane and value not in AXES):
-            raise InputError(f"it has no {shape.GetName()} that makes it a collider, but {value!r}")
+        if plane and value not in AXES:
+            raise InputError(f"its axis must be X, Y or Z, not {value!r}")
         surface = _surface(prim, time_codes)
         if plane:
             # A normal goes the way of areas, which is that of points only without shear and uneven scale.

@@ -83,13 +83,15 @@ class Curves:
         simulated[list(self.left)] = False
         if not simulated.any():
             curve = min(self.left)
-            raise InputError(f"curve {curve} cannot be simulated: {self.left[curve]}" if self.left else "it has no curves")
+            raise InputError(
+                f"curve {curve} cannot be simulated: {self.left[curve]}" if self.left else "it has no curves"
+            )
         self.sampling = Sampling(self.kind, simulated)
         linear, _ = self._placement.at(self._start)
         width = self._find_widths(abs(np.linalg.det(linear)) ** (1.0 / 3.0))
         bad = np.unique(self.sampling.curve[~np.isfinite(width)])
         if bad.size:
-            self.leave({curve: "one of its widths is not finite" for curve in bad.tolist()})
+            self.leave(dict.fromkeys(bad.tolist(), "one of its widths is not finite"))
             return
         self.width = width
         self.pinned = self._find_pinned(self.material.pin or "root")

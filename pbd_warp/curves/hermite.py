@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -22,7 +23,7 @@ class HermiteKind:
     """The curves of one HermiteCurves prim; counts: points (and tangents) of each curve, shape [curve_count]."""
 
     counts: np.ndarray
-    tangents = True
+    tangents: ClassVar[bool] = True
 
     @property
     def varying_counts(self) -> np.ndarray:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -36,7 +37,7 @@ class NurbsKind:
     ranges: np.ndarray
     weights: np.ndarray
     points: np.ndarray
-    tangents = False
+    tangents: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         for name, there, needed in (
@@ -60,7 +61,9 @@ class NurbsKind:
     def _fault(self, curve: int) -> str:
         n, order = int(self.counts[curve]), int(self.order[curve])
         if order < 2 or n < order:
-            return f"it has {n} control points and order {order}; a curve needs an order of at least 2 and as many points"
+            return (
+                f"it has {n} control points and order {order}; a curve needs an order of at least 2 and as many points"
+            )
         knots, low, high = self._domain(curve)
         if not np.isfinite(knots).all() or np.any(np.diff(knots) < 0.0):
             return "its knots do not rise"
@@ -130,7 +133,9 @@ class NurbsKind:
             return False
         gaps = np.diff(knots)
         again = gaps[n - degree : n + degree]
-        return np.array_equal(points[:degree], points[n - degree :]) and np.allclose(gaps[: 2 * degree], again, atol=0.0)
+        return np.array_equal(points[:degree], points[n - degree :]) and np.allclose(
+            gaps[: 2 * degree], again, atol=0.0
+        )
 
 
 def _bsplines(knots: np.ndarray, order: int, span: np.ndarray, t: np.ndarray) -> np.ndarray:

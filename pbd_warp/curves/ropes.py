@@ -27,7 +27,9 @@ def add_ropes(
         x, edges = each.x - origin, each.sampling.edges
         length = seen_lengths(x, edges, device, dtype)
         added = builder.add_particles(x, mass=_masses(each, edges, length), radius=0.5 * each.width)
-        builder.add_distances((edges + added.start).astype(np.int32), length, compliance=each.material.compliance or 0.0)
+        builder.add_distances(
+            (edges + added.start).astype(np.int32), length, compliance=each.material.compliance or 0.0
+        )
 
 
 def leave_what_has_no_length(

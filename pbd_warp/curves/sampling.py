@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -58,10 +58,14 @@ class Kind(Protocol):
     points of all curves, then tangents of all curves. faults: Why some make no curve.
     """
 
-    counts: np.ndarray
-    varying_counts: np.ndarray
-    tangents: bool
-    faults: Mapping[int, str]
+    tangents: ClassVar[bool]
+
+    @property
+    def counts(self) -> np.ndarray: ...
+    @property
+    def varying_counts(self) -> np.ndarray: ...
+    @property
+    def faults(self) -> dict[int, str]: ...
 
     def key(self, curve: int) -> Hashable:
         """Equal for curves of the same pattern."""

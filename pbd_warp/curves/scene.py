@@ -110,7 +110,9 @@ def load_stage(
     stage = open_stage(path)
     time = timeline(stage, frames, fps)
     codes = time.time_codes
-    pull, note = gravity_of(stage, codes) if gravity is None else (-check.number("gravity", gravity) * up_axis(stage), "")
+    pull, note = (
+        gravity_of(stage, codes) if gravity is None else (-check.number("gravity", gravity) * up_axis(stage), "")
+    )
     chosen = find_curves(stage, prims, skip)
     curves, reasons = _read_curves(stage, chosen, codes, material or Material())
     origin = np.concatenate([each.x for each in curves]).mean(axis=0) if curves else np.zeros(3)

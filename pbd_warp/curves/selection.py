@@ -47,7 +47,7 @@ def without_own_points(stage: Usd.Stage, chosen: Sequence[Usd.Prim]) -> dict[str
     for prim in chosen:
         if prim.IsInstanceProxy():
             reasons[_path(prim)] = (
-                "it is part of an instance, which cannot have points of its own: set instanceable = false to simulate it"
+                "it is part of an instance, which cannot have points of its own: set instanceable = false to have it so"
             )
         elif any(prim.GetPath().HasPrefix(prototype) for prototype in prototypes):
             reasons[_path(prim)] = "it is a prototype of a PointInstancer, whose copies cannot move each by itself"

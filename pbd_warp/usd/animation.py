@@ -110,6 +110,13 @@ class Animation:
         """
         self._finish(self._path, None)
 
+    def discard(self) -> None:
+        """Give up what was written, as if it had never begun."""
+        if self._lock is not None:
+            self._root.unlink(missing_ok=True)
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._lock.release()
+
     def __enter__(self) -> Animation:
         return self
 
