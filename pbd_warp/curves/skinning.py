@@ -41,10 +41,9 @@ class Skinning:
             matrix = np.array(self.binding.ComputeSkinnedTransform(joints, time_code))
             skinned = np.array(points, np.float64) @ matrix[:3, :3] + matrix[3, :3]
         else:
-            moved = self.binding.ComputeSkinnedPoints(joints, points, time_code)
-            if moved is None:
+            if not self.binding.ComputeSkinnedPoints(joints, points, time_code):
                 raise InputError(f"the joint indices and weights do not fit its points or its skeleton {path}")
-            skinned = np.array(moved, np.float64)
+            skinned = np.array(points, np.float64)
         skeleton_space, own_space = (
             np.array(UsdGeom.Imageable(prim).ComputeLocalToWorldTransform(time_code))
             for prim in (self.skeleton.GetPrim(), self.prim)
