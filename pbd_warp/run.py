@@ -134,11 +134,13 @@ def run(
     dtype: str = "float32",
     hooks: Hooks = Hooks(),
     recording: Recording | None = None,
+    up_axis: str = "Y",
 ) -> RunStats:
     """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
 
     Args:
         recording: A recording to be done again, with its settings, instead of the scene's drag.
+        up_axis: Of the file, see UsdWriter.
 
     Raises:
         InputError: before anything is simulated or written.
@@ -156,7 +158,7 @@ def run(
         sim = controller.begin()
 
     def open_writer(resume: int | None) -> UsdWriter:
-        return UsdWriter(out, model, scene.fps, provenance(scene, model), resume)
+        return UsdWriter(out, model, scene.fps, provenance(scene, model), resume, up_axis)
 
     return make_frames(scene, sim, controller, open_writer, out, hooks)
 
