@@ -38,10 +38,13 @@ def override_layer(source: StageScene, out: Path, metadata: Mapping[str, str | i
     path = _relative(source.path, out.parent)
     stage.MuteLayer(path)  # it is not to be found from memory, only from where the file will be
     layer.subLayerPaths.append(path)
-    read = source.stage.GetRootLayer().pseudoRoot
-    for key in read.ListInfoKeys():
+    read = source.stage.GetRootLayer()
+    for key in read.pseudoRoot.ListInfoKeys():
+        value = read.pseudoRoot.GetInfo(key)
+        if isinstance(value, Sdf.AssetPath) and value.path.startswith("."):
+            value = Sdf.AssetPath(_relative(Path(read.ComputeAbsolutePath(value.path)), out.parent))
         if key not in OF_THE_FILE:
-            layer.pseudoRoot.SetInfo(key, read.GetInfo(key))
+            layer.pseudoRoot.SetInfo(key, value)
     layer.customLayerData = {**layer.customLayerData, **metadata}
     _describe(stage, source)
     return stage
@@ -85,10 +88,9 @@ def _describe(stage: Usd.Stage, source: StageScene) -> None:
 
 def _block_what_is_no_longer_true(stage: Usd.Stage, prim: Usd.Prim) -> None:
     """Accelerations of the curves, and extents that ancestors keep of everything below them."""
-    stale = [UsdGeom.PointBased(prim).GetAccelerationsAttr()]
-    while prim and not prim.IsPseudoRoot():
-        stale.append(UsdGeom.ModelAPI(prim).GetExtentsHintAttr())
-        prim = prim.GetParent()
+    stale = [UsdGeom.PointBased(prim).GetAccelerationsAttr(), UsdGeom.ModelAPI(prim).GetExtentsHintAttr()]
+    while (prim := prim.GetParent()) and not prim.IsPseudoRoot():
+        stale += [UsdGeom.ModelAPI(prim).GetExtentsHintAttr(), UsdGeom.Boundable(prim).GetExtentAttr()]
     for attribute in stale:
         if attribute and attribute.HasAuthoredValue():
             over = stage.OverridePrim(attribute.GetPrimPath())
