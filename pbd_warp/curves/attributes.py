@@ -5,17 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom
 
 from pbd_warp.errors import InputError
 
 
 def changes(attribute: Usd.Attribute, time_codes: np.ndarray) -> bool:
-    """Whether it has other values at other frames; that it is sampled in each of them does not say so."""
+    """Whether its samples that show between the first and the last frame differ; that there are many does not say so.
+    The samples are compared, not the frames: between two equal ones USD interpolates with rounding."""
     if not attribute or not attribute.ValueMightBeTimeVarying():
         return False
-    first = attribute.Get(float(time_codes[0]))
-    return any(attribute.Get(float(time_code)) != first for time_code in time_codes[1:])
+    first, last = float(time_codes[0]), float(time_codes[-1])
+    around = [*attribute.GetBracketingTimeSamples(first), *attribute.GetBracketingTimeSamples(last)]
+    samples = {*attribute.GetTimeSamplesInInterval(Gf.Interval(first, last)), *around}
+    value = attribute.Get(around[0])
+    return any(attribute.Get(sample) != value for sample in samples)
 
 
 def constant(attribute: Usd.Attribute, time_codes: np.ndarray) -> Any:

@@ -193,7 +193,7 @@ class Curves:
     def _read_all(self, time_codes: np.ndarray) -> bool:
         """Whether the input's points go anywhere; what is not finite at some frame is left."""
         attributes = [self._geometry.GetPointsAttr(), *([self._tangents] if self._tangents else [])]
-        if not self.skinning and not any(attribute.ValueMightBeTimeVarying() for attribute in attributes):
+        if not self.skinning and not any(changes(attribute, time_codes) for attribute in attributes):
             return False
         animated = False
         for time_code in map(float, time_codes[1:]):
@@ -217,6 +217,8 @@ class Curves:
             width = self._primvars.widths(self.sampling)
         except InputError as error:
             width, self.notes = None, [f"{error}: it is simulated as {1e3 * WIDTH:g} mm wide"]
+        if self._primvars.widths_change:
+            self.notes = ["its widths change with time: it is simulated with those of the first frame"]
         if width is None:
             return np.full(self.sampling.count, WIDTH)
         width = scale * np.maximum(width, 0.0)

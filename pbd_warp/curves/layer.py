@@ -40,11 +40,12 @@ def override_layer(source: StageScene, out: Path, metadata: Mapping[str, str | i
     layer.subLayerPaths.append(path)
     read = source.stage.GetRootLayer()
     for key in read.pseudoRoot.ListInfoKeys():
+        if key in OF_THE_FILE:
+            continue
         value = read.pseudoRoot.GetInfo(key)
         if isinstance(value, Sdf.AssetPath) and value.path.startswith("."):
             value = Sdf.AssetPath(_relative(Path(read.ComputeAbsolutePath(value.path)), out.parent))
-        if key not in OF_THE_FILE:
-            layer.pseudoRoot.SetInfo(key, value)
+        layer.pseudoRoot.SetInfo(key, value)
     layer.customLayerData = {**layer.customLayerData, **metadata}
     _describe(stage, source)
     return stage

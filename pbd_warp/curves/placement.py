@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pxr import Usd, UsdGeom
 
+from pbd_warp.curves.attributes import changes
 from pbd_warp.errors import InputError
 
 
@@ -24,12 +25,9 @@ class Placement:
         self._prim = prim
         self._unit = UsdGeom.GetStageMetersPerUnit(prim.GetStage())
         self._start = self._read(float(time_codes[0]))
-        self.animated = False
-        self._check(float(time_codes[0]))
-        if _may_change(prim):
-            for time_code in map(float, time_codes[1:]):
-                self.animated |= not all(map(np.array_equal, self._read(time_code), self._start))
-                self._check(time_code)
+        self.animated = _moves(prim, time_codes)
+        for time_code in time_codes if self.animated else time_codes[:1]:
+            self._check(float(time_code))
 
     def at(self, time_code: float) -> tuple[np.ndarray, np.ndarray]:
         """linear [3, 3], offset [3], in metres."""
@@ -50,10 +48,11 @@ class Placement:
             )
 
 
-def _may_change(prim: Usd.Prim) -> bool:
+def _moves(prim: Usd.Prim, time_codes: np.ndarray) -> bool:
+    """Whether it or anything that it is in is animated."""
     while prim and not prim.IsPseudoRoot():
         xform = UsdGeom.Xformable(prim)
-        if xform and xform.TransformMightBeTimeVarying():
+        if xform and any(changes(op.GetAttr(), time_codes) for op in xform.GetOrderedXformOps()):
             return True
         prim = prim.GetParent()
     return False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from pxr import UsdGeom
 
-from pbd_warp.curves.attributes import numbers_of
+from pbd_warp.curves.attributes import changes, numbers_of
 from pbd_warp.curves.sampling import Kind, Sampling
 from pbd_warp.errors import InputError
 
@@ -31,7 +31,7 @@ class Primvars:
             InputError: they do not add up.
         """
         start = float(self._time_codes[0])
-        primvar = UsdGeom.PrimvarsAPI(self._geometry).FindPrimvarWithInheritance("widths")
+        primvar = self._width_primvar
         if primvar and primvar.HasValue():  # which goes before the attribute
             values, interpolation = numbers_of("widths", primvar, start), primvar.GetInterpolation()
         else:
@@ -44,6 +44,17 @@ class Primvars:
             return None
         return self._spread("widths", values, "constant" if len(values) == 1 else interpolation, sampling)
 
+    @property
+    def _width_primvar(self) -> UsdGeom.Primvar:
+        return UsdGeom.PrimvarsAPI(self._geometry).FindPrimvarWithInheritance("widths")
+
+    @property
+    def widths_change(self) -> bool:
+        """Whether they do with time."""
+        primvar = self._width_primvar
+        used = primvar.GetAttr() if primvar and primvar.HasValue() else self._geometry.GetWidthsAttr()
+        return changes(used, self._time_codes)
+
     def numbers(self, name: str, sampling: Sampling) -> np.ndarray:
         """A primvar of numbers, float64 [samples].
 
@@ -54,11 +65,8 @@ class Primvars:
         if not primvar or not primvar.HasValue():
             raise InputError(f"it has no primvar {name!r} to pin by: add one, or pin root, ends or none")
         title = f"primvar {name!r}"
-        start, *later = map(float, self._time_codes)
-        values = numbers_of(title, primvar, start)
-        if primvar.ValueMightBeTimeVarying() and any(
-            not np.array_equal(values, numbers_of(title, primvar, time_code)) for time_code in later
-        ):
+        values = numbers_of(title, primvar, float(self._time_codes[0]))
+        if any(changes(attribute, self._time_codes) for attribute in (primvar.GetAttr(), primvar.GetIndicesAttr())):
             raise InputError(f"{title} changes with time, which is not supported")
         found = self._spread(title, values, primvar.GetInterpolation(), sampling)
         if not np.isfinite(found).all():
