@@ -13,6 +13,9 @@ from pbd_warp.curves.scene import StageScene
 from pbd_warp.model.model import Model, State
 from pbd_warp.simulation import Simulation
 
+STILL = 1e-6
+"""Part of the size of all curves that nobody sees them move by: round-off."""
+
 FAILED = 0.01
 """Stretch of a link, when a frame fails, from which its curve counts as failed."""
 
@@ -39,6 +42,7 @@ class Playback:
             if curves.moving
         ]
         self._free = model.w > 0.0
+        self._still = STILL * float(np.ptp(model.x, axis=0).max())
         self._x_start = model.x.astype(model.dtype).astype(np.float64)  # as rounded as the state
 
     def resume(self, memory: None, sim: Simulation) -> Simulation:
@@ -56,7 +60,7 @@ class Playback:
         timeline = self._source.timeline
         before = self.time_code(frame - 1) if frame > 0 else None
         displacement = state.x.numpy().astype(np.float64) - self._x_start
-        self.moved = self.moved or bool(np.any(displacement[self._free]))
+        self.moved = self.moved or bool(np.abs(displacement[self._free]).max(initial=0.0) > self._still)
         v = state.v.numpy().astype(np.float64)
         values: list[Any] = []
         for curves, span in zip(self._source.curves, self._ranges, strict=True):
