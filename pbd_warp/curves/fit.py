@@ -38,6 +38,7 @@ class Fit:
             return
         try:
             from scipy.sparse import block_array, coo_array, diags_array
+            from scipy.sparse.csgraph import reverse_cuthill_mckee
             from scipy.sparse.linalg import splu
         except ImportError:
             raise InputError("curves that are not linear need SciPy: pip install 'pbd-warp[curves]'") from None
@@ -45,6 +46,7 @@ class Fit:
         rows = np.broadcast_to(np.arange(sampling.count)[:, None], points.index.shape)
         entries = points.weight.ravel(), (rows.ravel(), sampling.unknown[points.index].ravel())
         matrix = coo_array(entries, (sampling.count, sampling.unknown_count)).tocsr()
+        matrix.eliminate_zeros()
         normal = (matrix.T @ matrix).tocsr()
         system = normal + diags_array(np.where(normal.diagonal() < WEAK, WEAK, 0.0))
         self._pinned = pinned
@@ -52,7 +54,9 @@ class Fit:
         if held.shape[0]:
             system = block_array([[system, held.T], [held, diags_array(np.full(held.shape[0], -GIVE))]])
         self._transposed = matrix.T.tocsr()
-        self._factors = splu(system.tocsc())
+        system = system.tocsr()
+        self._order = reverse_cuthill_mckee(system, symmetric_mode=True)
+        self._factors = splu(system[self._order][:, self._order].tocsc(), permc_spec="NATURAL")
 
     def __call__(self, displacement: np.ndarray) -> np.ndarray:
         """Of simulation points [samples, 3] to that of control values [values, 3]; 0 for those not simulated."""
@@ -60,5 +64,7 @@ class Fit:
             moved = displacement
         else:
             sums = np.concatenate([self._transposed @ displacement, displacement[self._pinned]])
-            moved = self._factors.solve(sums)[: self._transposed.shape[0]]
+            solution = np.empty_like(sums)
+            solution[self._order] = self._factors.solve(sums[self._order])
+            moved = solution[: self._transposed.shape[0]]
         return np.where(self._unknown[:, None] >= 0, moved[self._unknown], 0.0)
