@@ -12,14 +12,16 @@ from numpy.typing import ArrayLike
 
 from pbd_warp import retry
 from pbd_warp.checkpoint import Checkpoint
-from pbd_warp.errors import SimulationFailed
+from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.failure import describe
+from pbd_warp.forces import Forces, constraint_forces
 from pbd_warp.loop import Loop
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
 from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
 from pbd_warp.settings import Settings
 from pbd_warp.step.kinematic import KinematicParticles
+from pbd_warp.step.methods.direct import DirectSolver
 
 
 class Simulation:
@@ -192,6 +194,29 @@ class Simulation:
     def unconverged(self) -> int | None:
         """Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None without one."""
         return self._loop.unconverged
+
+    @property
+    def forces(self) -> Forces:
+        """What constraints carried in the last step: tensions, reactions, contact forces. Reads them from the device.
+
+        Raises:
+            InputError: the method keeps no multipliers; `Direct` does.
+        """
+        solver = self._loop.solver
+        if not isinstance(solver, DirectSolver):
+            raise InputError(f"forces are known with method 'direct', not with {self.settings.method}")
+        x, w = (array.numpy().astype(np.float64) for array in (self.state.x, self._context.w))
+        return constraint_forces(self.model, solver, x, w)
+
+    @property
+    def tension(self) -> np.ndarray:
+        """Force along each distance in the last step [N], pull positive, float64 [distance_count]; see `forces`."""
+        return self.forces.tension
+
+    @property
+    def reaction(self) -> np.ndarray:
+        """Of what holds a particle, on that particle [N], float64 [particle_count, 3]; see `forces`."""
+        return self.forces.reaction
 
     @property
     def passes(self) -> list[str]:
