@@ -20,7 +20,7 @@ class Identity:
     """Digests of what a run is made of; frames of runs that have the same may be put together.
 
     model: Its particles, constraints and colliders, and the precision. settings: How it is simulated. drags: What
-    moves its particles. stage: The files that the model is read from; empty where it is a scene's.
+    moves its particles. stage: The files that the model is read from, and how the frames are written.
     """
 
     model: str

@@ -84,11 +84,13 @@ def run(
     dtype: str = "float32",
     hooks: Hooks = Hooks(),
     recording: Recording | None = None,
+    up_axis: str = "Y",
 ) -> RunStats:
     """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
 
     Args:
         recording: A recording to be done again, with its settings, instead of the scene's drag.
+        up_axis: Of the file, see UsdWriter.
 
     Raises:
         InputError: before anything is simulated or written.
@@ -107,9 +109,10 @@ def run(
         sim = controller.begin()
 
     def open_writer(resume: int | None, identity: Identity) -> UsdWriter:
-        return UsdWriter(out, model, scene.fps, provenance(scene, model), resume, identity)
+        made_by = provenance(scene, model)
+        return UsdWriter(out, model, scene.fps, made_by, resume, up_axis, identity=identity)
 
-    return make_frames(scene, sim, controller, open_writer, out, hooks)
+    return make_frames(scene, sim, controller, open_writer, out, hooks, f"{up_axis} up")
 
 
 def tell_cost(model: Model, settings: Settings, hooks: Hooks) -> None:
@@ -132,7 +135,7 @@ def make_frames(
 
     Args:
         open_writer: Gives what writes them; its arguments are how many of them are there already, and whose they are.
-        stage: Digest of the USD stage that the scene is read from, if it is.
+        stage: What the frames depend on besides: a digest of the USD stage that the scene is read from, for instance.
     """
     checkpoints = hooks.checkpoints
     if checkpoints is None:

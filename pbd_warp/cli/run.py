@@ -43,6 +43,7 @@ from pbd_warp.usd.writer import check_path
 def run_scene(
     scene: SceneName,
     out: Annotated[Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc or .usd.")] = None,
+    up: Annotated[str, typer.Option(help="Axis that is up in the file: y or z.")] = "y",
     frames: Frames = None,
     device: Device = None,
     dtype: Dtype = None,
@@ -85,7 +86,7 @@ def run_scene(
         check_apart(reads, written(path, checkpoint, stats))
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
-            result = run(built, path, device, dtype or "float32", hooks, recording)
+            result = run(built, path, device, dtype or "float32", hooks, recording, up.upper())
         if stats is not None:
             result.save(stats)
         tell(table(result))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 import traceback
@@ -13,8 +14,21 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from pbd_warp.cli.options import SETTINGS
 from pbd_warp.errors import InputError, Interrupted, PbdError
 from pbd_warp.usd.errors import reason
+
+
+def as_options(sentence: str) -> str:
+    """A sentence with settings as the command line spells them: on_failure='subdivide' is --on-failure subdivide."""
+    name = "|".join(SETTINGS)
+
+    def option(match: re.Match[str]) -> str:
+        return f"--{match[1].replace('_', '-')} {match[3]}"
+
+    outside = re.split(r"(\([^()]*\))", sentence)  # what stands in brackets is how a method prints itself
+    outside[::2] = [re.sub(rf"\b({name})=('?)([\w.-]*\w)\2", option, part) for part in outside[::2]]
+    return "".join(outside).replace("give Simulation or Scene --", "give --")
 
 
 @contextmanager
@@ -60,20 +74,23 @@ def tell(text: str) -> None:
 
 
 def warn(sentence: str) -> None:
-    """Print a line to stderr, which shows whatever is no text as an escape."""
-    shown = "".join(c if c.isprintable() else c.encode("unicode_escape", "backslashreplace").decode() for c in sentence)
+    """Print a line to stderr, with options as they are spelled here, and whatever is no text as an escape."""
+    escaped = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in as_options(sentence))
     with suppress(OSError):
-        typer.echo(f"pbd-warp: {shown}", err=True)
+        typer.echo(f"pbd-warp: {''.join(escaped)}", err=True)
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on a terminal, nothing in a pipe; gives a function of how many are done, of how many."""
+def progress_bar(title: str) -> Iterator[Callable[..., None]]:
+    """A progress bar on a terminal, nothing in a pipe; gives a function of how many are done, of how many, and of what
+    is being done."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(title, total=None)
-        yield lambda done, of: progress.update(task, completed=done, total=of)
+        yield lambda done, of, doing="": progress.update(
+            task, completed=done, total=of, description=f"{title} {doing}".strip()
+        )
 
 
 @contextmanager

@@ -116,6 +116,13 @@ class Animation:
         self._finish(self._path, None)
         self._lock.release()
 
+    def discard(self) -> None:
+        """Give up what was written, as if it had never begun."""
+        if self._chunks.begun:
+            self._root.unlink(missing_ok=True)
+            self._chunks.remove()
+        self._lock.release()
+
     def __enter__(self) -> Animation:
         return self
 
