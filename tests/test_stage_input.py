@@ -248,9 +248,9 @@ def test_refused(folder, monkeypatch, capfd, spoil, args, message):
 @pytest.mark.parametrize(
     ("out", "message"),
     [
-        ("a.usda", "a.usda PLACEHOLDER"),
-        ("./a.usda", "a.usda PLACEHOLDER"),
-        ("set.usda", "set.usda PLACEHOLDER"),
+        ("a.usda", "--out and the stage are both"),
+        ("./a.usda", "--out and the stage are both"),
+        ("set.usda", "--out and the stage are both"),
         ("b.abc", "must end in one of"),
         ("b.usdz", "must end in one of"),
         ("no/b.usda", "no does not exist"),

@@ -5,9 +5,23 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from pbd_warp.errors import InputError
+
+
+def check_types(prim: Usd.Prim) -> None:
+    """Raise an InputError where an attribute of a prim, or of one that it is in, has another type than its schema says:
+    USD gives its value all the same."""
+    while prim and not prim.IsPseudoRoot():
+        definition = prim.GetPrimDefinition()
+        for attribute in prim.GetAuthoredAttributes():
+            expected = definition.GetSchemaAttributeSpec(attribute.GetName())
+            for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()) if expected else ():
+                if not isinstance(spec, Sdf.AttributeSpec) or spec.typeName.type != expected.typeName.type:
+                    found = spec.typeName if isinstance(spec, Sdf.AttributeSpec) else "a relationship"
+                    raise InputError(f"{attribute.GetPath()} is {found}, where USD has {expected.typeName}")
+        prim = prim.GetParent()
 
 
 def changes(attribute: Usd.Attribute, time_codes: np.ndarray) -> bool:
