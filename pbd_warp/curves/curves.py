@@ -220,7 +220,7 @@ class Curves:
             width, self.notes = None, [f"{error}: it is simulated as {1e3 * WIDTH:g} mm wide"]
         if self._primvars.widths_change:
             self.notes = ["its widths change with time: it is simulated with those of the first frame"]
-        self.notes += self._primvars.width_faults()
+            self.notes += self._primvars.later_width_faults()
         if width is None:
             return np.full(self.sampling.count, WIDTH)
         width = scale * np.maximum(width, 0.0)

@@ -53,10 +53,10 @@ class Primvars:
         widths = np.array(self._geometry.GetWidthsAttr().Get(time_code) or (), np.float32)
         return Vt.FloatArray.FromNumpy(np.where(np.isfinite(widths), np.maximum(widths, 0.0), 0.0).astype(np.float32))
 
-    def width_faults(self) -> list[str]:
-        """A sentence on the first frame at which a width is negative or not finite, if there is one."""
+    def later_width_faults(self) -> list[str]:
+        """A sentence on the first of the later frames at which a width is negative or not finite, if there is one."""
         attribute = self._geometry.GetWidthsAttr()
-        for time_code in map(float, self._time_codes if changes(attribute, self._time_codes) else self._time_codes[:1]):
+        for time_code in map(float, self._time_codes[1:]):
             widths = np.array(attribute.Get(time_code) or (), np.float64)
             bad = np.flatnonzero(~np.isfinite(widths) | (widths < 0.0))
             if bad.size:
