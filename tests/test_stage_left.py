@@ -308,7 +308,7 @@ def test_widths_are_checked_at_every_frame(tmp_path, bad):
     """What USD makes of bad ones is an extent that is not finite, or with its ends swapped."""
     stage = new_stage(tmp_path / "a.usda")
     curves = add_curves(stage, "/World/C", line(6))
-    for time, width in ((0, 0.02), (5, bad), (6, 0.02)):
+    for time, width in ((0, 0.02), (4, 0.02), (5, bad), (6, 0.02)):
         curves.GetWidthsAttr().Set([width], time)
     stage.Save()
     result, source, _ = simulated(tmp_path / "a.usda", check=False)
