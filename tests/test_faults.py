@@ -102,6 +102,7 @@ def test_a_stage_edited_since_is_noticed(processes, folder, edit, said):
         ("simulate over.usda --out a.usda --stats in.usda", "--stats and the stage are both"),
         ("simulate over.usda --out in.usda", "--out and the stage are both"),
         ("chart own.py --out c.svg --csv own.py", "--csv and the scene are both own.py"),
+        ("view own.py --no-open --record own.py", "--record and the scene are both own.py"),
     ],
 )
 def test_no_file_is_two_things(processes, folder, command, said):
