@@ -8,6 +8,7 @@ from typing import Any
 import warp as wp
 
 from pbd_warp.failure import Failure
+from pbd_warp.kernel_cache import load_module
 from pbd_warp.model.model import Model, State
 from pbd_warp.settings import Settings
 from pbd_warp.step.constraints.contact import ContactConstraints
@@ -160,7 +161,7 @@ class Loop:
             self.monitor.launch()
         start = time.perf_counter()
         for module in {kernel.module.name for _, kernel in trace if kernel}:
-            wp.load_module(module, device=self.context.model.device)
+            load_module(module, self.context.model.device)
         return time.perf_counter() - start
 
     def _capture(self) -> wp.Graph:

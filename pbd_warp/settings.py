@@ -14,6 +14,13 @@ from pbd_warp.step.divergence import Limits
 from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, GaussSeidel, Jacobi, Method
 
+SHORTEST, LONGEST = 1e-9, 1e6
+"""Of a frame [s]: what single precision can still count in."""
+
+MOST_SUBSTEPS = 1_000_000
+MOST_CONTACTS = 1 << 28
+"""Far beyond what is of use, and below where counting in 32 bits ends."""
+
 AUTO = "auto"
 """Of substeps: as many as `error` asks for."""
 
@@ -72,14 +79,14 @@ class Settings:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("dt", check.number("dt", self.dt, above=0.0))
+        put("dt", check.number("dt", self.dt, low=SHORTEST, high=LONGEST))
         put("method", _method(self.method))
         if self.integrator not in (*INTEGRATORS, *EXPLICIT):
             raise unknown("integrator", self.integrator, (*INTEGRATORS, *EXPLICIT))
         self._put_steps(put)
         put("damping", check.number("damping", self.damping, low=0.0, high=1.0))
         if self.max_contacts is not None:
-            put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1))
+            put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1, high=MOST_CONTACTS))
         if self.depenetration_speed is not None:
             put("depenetration_speed", check.number("depenetration_speed", self.depenetration_speed, above=0.0))
         if not isinstance(self.limits, Limits):
@@ -94,7 +101,7 @@ class Settings:
     def _put_steps(self, put: Callable[[str, Any], None]) -> None:
         """Whether substeps, error, integrator and method go together."""
         if not isinstance(self.substeps, str):
-            put("substeps", check.whole("substeps", self.substeps, low=1))
+            put("substeps", check.whole("substeps", self.substeps, low=1, high=MOST_SUBSTEPS))
             if self.error is not None:
                 raise InputError("error is what substeps='auto' keeps: say so, or leave error out")
         elif self.substeps != AUTO:
@@ -212,6 +219,11 @@ class Settings:
         steps = f"an error of {self.error:g} m/s" if self.auto else f"{self.substeps} substeps"
         method = "" if self.integrator in EXPLICIT else f"{self.method}, "
         return f"{method}integrator {self.integrator!r} and {steps}"
+
+
+def frame_length(name: str, fps: Any) -> float:
+    """dt [s] of so many frames a second; `name` is what they are called in an error."""
+    return 1.0 / check.number(name, fps, low=1.0 / LONGEST, high=1.0 / SHORTEST)
 
 
 NAMES = tuple(field.name for field in fields(Settings))
