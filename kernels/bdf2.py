@@ -53,7 +53,7 @@ def update_bdf2(
     v_before: wp.array[Vec3],  # [particle_count] [m/s]
     x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
-    diverged: wp.array[wp.int32],  # [4], as in integrate.py
+    diverged: wp.array[wp.int32],  # [5], as in integrate.py
 ):
     """A particle that is led (w = 0) has the velocity of its way; so has every one in the first step."""
     v_new = u[i] / dt

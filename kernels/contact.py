@@ -22,7 +22,7 @@ import warp as wp
 
 from pbd_warp.kernels.distance import distance
 from pbd_warp.kernels.divergence import CONTACTS
-from pbd_warp.kernels.precision import Real, Vec3, function, index, kernel, step_pass
+from pbd_warp.kernels.precision import Real, Vec3, func, index, kernel, step_pass
 
 
 @step_pass
@@ -57,7 +57,7 @@ def limit_overlap(gap: Any, depenetration: Any):
     return gap
 
 
-@function
+@func
 def check_pair(
     i: wp.int32,
     j: wp.int32,
@@ -197,7 +197,7 @@ def note_overflow(
     count: wp.array[wp.int32],  # [1]
     capacity: wp.int32,
     # Out:
-    diverged: wp.array[wp.int32],  # [4], of divergence.py
+    diverged: wp.array[wp.int32],  # [5], of divergence.py
 ):
     """A dropped contact is an error: remembers how many there should have been."""
     if count[0] > capacity:

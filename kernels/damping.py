@@ -102,7 +102,7 @@ def find_rotation(
     mean = wp.trace(inertia[c]) / Real(3.0)
     if mean > Real(0.0):
         scaled = inertia[c] / mean  # the determinant of a small body's inertia would underflow
-        l = angular_momentum[c] / mean
+        turn = angular_momentum[c] / mean
         row_0 = Vec3(scaled[0, 0], scaled[0, 1], scaled[0, 2])
         row_1 = Vec3(scaled[1, 0], scaled[1, 1], scaled[1, 2])
         row_2 = Vec3(scaled[2, 0], scaled[2, 1], scaled[2, 2])
@@ -112,7 +112,7 @@ def find_rotation(
         determinant = wp.dot(row_0, adjugate_0)
         minors = adjugate_0[0] + adjugate_1[1] + adjugate_2[2]
         if determinant > cutoff * Real(1.5) * minors:
-            solved = Vec3(wp.dot(adjugate_0, l), wp.dot(adjugate_1, l), wp.dot(adjugate_2, l))
+            solved = Vec3(wp.dot(adjugate_0, turn), wp.dot(adjugate_1, turn), wp.dot(adjugate_2, turn))
             omega[c] = solved / determinant
         else:
             line = adjugate_0
@@ -121,7 +121,7 @@ def find_rotation(
             elif adjugate_2[2] > adjugate_0[0]:
                 line = adjugate_2
             line = wp.normalize(line)
-            omega[c] = (l - wp.dot(line, l) * line) / Real(1.5)
+            omega[c] = (turn - wp.dot(line, turn) * line) / Real(1.5)
 
 
 @step_pass

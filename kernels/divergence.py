@@ -13,10 +13,11 @@ from pbd_warp.kernels.precision import Real, Vec3, index, step_pass
 PARTICLE = wp.constant(0)  # places in `diverged`: the lowest particle that is not finite,
 EDGE = wp.constant(1)  # the lowest edge stretched beyond the limit,
 ENERGY = wp.constant(2)  # 0 where energy has risen beyond the limit,
-CONTACTS = wp.constant(3)  # the most contacts wanted beyond the room for them, 0 if all fitted
+PIECE = wp.constant(3)  # the first particle of a piece that an explicit integrator found no step for,
+CONTACTS = wp.constant(4)  # the most contacts wanted beyond the room for them, 0 if all fitted
 
 NOTHING = wp.constant(2**31 - 1)
-"""In the first three places: nothing to tell."""
+"""In all places but the last: nothing to tell."""
 
 CHUNK = wp.constant(64)
 """Particles a thread sums before it adds to the total: on a GPU 64 times fewer atomics to one address."""
@@ -25,8 +26,8 @@ CHUNK = wp.constant(64)
 @wp.func
 def failed(diverged: wp.array[wp.int32]):
     """Whether there is anything to tell."""
-    fine = diverged[PARTICLE] == NOTHING and diverged[EDGE] == NOTHING and diverged[ENERGY] == NOTHING
-    return not (fine and diverged[CONTACTS] == 0)
+    lowest = wp.min(wp.min(diverged[PARTICLE], diverged[EDGE]), wp.min(diverged[ENERGY], diverged[PIECE]))
+    return lowest < NOTHING or diverged[CONTACTS] > 0
 
 
 @step_pass
@@ -40,7 +41,7 @@ def check_stretch(
     # In:
     limit: Real,  # length over rest length, squared
     # Out:
-    diverged: wp.array[wp.int32],  # [4]
+    diverged: wp.array[wp.int32],  # [5]
 ):
     rest = rest_length[k]
     d = x[index(edge[k][0])] - x[index(edge[k][1])]

@@ -18,7 +18,7 @@ from typing import Any
 import warp as wp
 
 from pbd_warp.kernels.divergence import failed
-from pbd_warp.kernels.precision import MODULES, StepPass, from_text
+from pbd_warp.kernels.precision import StepPass, build_kernel, from_text
 
 WHILE, BACK, STEP, FRAME = -1, -2, -3, -4
 
@@ -47,8 +47,6 @@ def build(name: str, passes: Sequence[StepPass], structs: Sequence[Any], real: t
     frames wanted, frames made; and of each pass its array of structs.
     """
     module = f"{__name__}.{name}.{real.__name__}"
-    if module not in MODULES:
-        MODULES.append(module)
     scope: dict[str, Any] = {"wp": wp, "wait": wait, "failed": failed}
     branches = []
     for code, (step_pass, struct) in enumerate(zip(passes, structs, strict=True)):
@@ -62,7 +60,7 @@ def build(name: str, passes: Sequence[StepPass], structs: Sequence[Any], real: t
     arguments = {"program": wp.array[wp.vec4i], "conditions": wp.array[wp.int32]}
     arguments |= {"diverged": wp.array[wp.int32], "control": wp.array[wp.int32]}
     arguments |= {f"arguments_{code}": wp.array[struct] for code, struct in enumerate(structs)}
-    return wp.kernel(from_text(text, scope, arguments), module=module, enable_backward=False)
+    return build_kernel(from_text(text, scope, arguments), module)
 
 
 _WALK = """\

@@ -43,7 +43,7 @@ def update_midpoint(
     # Out:
     x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
-    diverged: wp.array[wp.int32],  # [4], as in integrate.py
+    diverged: wp.array[wp.int32],  # [5], as in integrate.py
 ):
     """A particle that is led (w = 0) has the velocity of its way."""
     v_new = u[i] / dt

@@ -22,9 +22,14 @@ Real = wp.float32
 Vec3 = wp.vec3f
 Mat33 = wp.mat33f
 
+BLOCK = wp.constant(2)
+"""Places whose vectors lie in one `Block`: sums over blocks compile to wider instructions than over single vectors
+(a frame of "dop853" takes 1.2 times as long with 1, 1.05 to 1.1 times with 4 or 8)."""
+Block = wp.types.vector(6, wp.float32)
+
 PRECISIONS = {
-    wp.float32: {"Real": wp.float32, "Vec3": wp.vec3f, "Mat33": wp.mat33f},
-    wp.float64: {"Real": wp.float64, "Vec3": wp.vec3d, "Mat33": wp.mat33d},
+    wp.float32: {"Real": wp.float32, "Vec3": wp.vec3f, "Mat33": wp.mat33f, "Block": Block},
+    wp.float64: {"Real": wp.float64, "Vec3": wp.vec3d, "Mat33": wp.mat33d, "Block": wp.types.vector(6, wp.float64)},
 }
 
 MODULES: list[str] = []
@@ -36,14 +41,6 @@ def index(i: wp.int32) -> wp.int32:
     """An index that is not negative, which the compiler cannot know of one that was read from memory: it need not be
     ready to count from the end then, which costs a third of a sweep (benchmarks/step.py)."""
     ...
-
-
-class PrecisionFunction:
-    """A `wp.func` in each precision, for kernels and passes of its file that need one with `Real` or `Vec3` in it."""
-
-    def __init__(self, source: Callable):
-        self.name = source.__name__
-        self.functions = {real: _function(source, real) for real in PRECISIONS}
 
 
 class PrecisionKernel:
@@ -62,16 +59,16 @@ class StepPass(PrecisionKernel):
     first argument is the index, and `self[real]` the kernel that calls it over all of them."""
 
     def __init__(self, source: Callable):
-        self.functions = {real: _function(source, real) for real in PRECISIONS}
-        self.arguments = {real: dict(list(_annotations(source, real).items())[1:]) for real in PRECISIONS}
+        copies = {real: _copy(source, real) for real in PRECISIONS}
+        self.functions = {real: wp.func(copies[real], module=_module(source, real)) for real in PRECISIONS}
+        self.arguments = {real: dict(list(copies[real].__annotations__.items())[1:]) for real in PRECISIONS}
         super().__init__(source.__name__, {real: self._kernel(source, real) for real in PRECISIONS})
 
     def _kernel(self, source: Callable, real: type) -> wp.Kernel:
         names = ", ".join(self.arguments[real])
         text = f"def {source.__name__}({names}):\n    at(wp.tid(), {names})\n"
-        scope = {"wp": wp, "at": self.functions[real]}
-        made = from_text(text, scope, self.arguments[real])
-        return wp.kernel(made, module=_module(source, real), enable_backward=False)
+        made = from_text(text, {"wp": wp, "at": self.functions[real]}, self.arguments[real])
+        return build_kernel(made, _module(source, real))
 
 
 def kernel(source: Callable) -> PrecisionKernel:
@@ -80,9 +77,7 @@ def kernel(source: Callable) -> PrecisionKernel:
     The file that holds `source` needs `from __future__ import annotations`, so that the annotations
     are still text here and can be evaluated once for each precision.
     """
-    kernels = {
-        real: wp.kernel(_copy(source, real), module=_module(source, real), enable_backward=False) for real in PRECISIONS
-    }
+    kernels = {real: build_kernel(_copy(source, real), _module(source, real)) for real in PRECISIONS}
     return PrecisionKernel(source.__name__, kernels)
 
 
@@ -91,47 +86,49 @@ def step_pass(source: Callable) -> StepPass:
     return StepPass(source)
 
 
-def function(source: Callable) -> PrecisionFunction:
-    """Decorator: a `wp.func` in float32 and in float64."""
+class PrecisionFunction:
+    """A function that kernels call, in each precision; `@kernel` puts the right one in its place."""
+
+    def __init__(self, source: Callable):
+        self._functions = {real: wp.func(_copy(source, real), module=_module(source, real)) for real in PRECISIONS}
+
+    def __getitem__(self, real: type) -> wp.Function:
+        return self._functions[real]
+
+
+def func(source: Callable) -> PrecisionFunction:
+    """Decorator: as `kernel`, for a function that has literals or local variables of the types above; one that has
+    none is a `wp.func` with arguments of type Any."""
     return PrecisionFunction(source)
 
 
-def from_text(text: str, scope: dict[str, Any], arguments: dict[str, Any]) -> Callable:
+def from_text(text: str, scope: dict[str, Any], arguments: dict[str, Any]) -> types.FunctionType:
     """A Python function whose source was put together, where `wp.func` and `wp.kernel` find it."""
     name = text[len("def ") : text.index("(")]
     file = f"<{name} of {hash(text)}>"
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     exec(compile(text, file, "exec"), scope)
-    made: Callable = scope[name]
+    made: types.FunctionType = scope[name]
     made.__module__, made.__qualname__, made.__annotations__ = __name__, name, dict(arguments)
     return made
 
 
-def _function(source: Callable, real: type) -> Any:
-    copy = _copy(source, real)
-    return wp.func(copy, name=source.__name__, module=_module(source, real))
+def build_kernel(source: types.FunctionType, module: str) -> wp.Kernel:
+    if module not in MODULES:
+        MODULES.append(module)
+    return wp.kernel(source, module=module, enable_backward=False)
 
 
 def _module(source: Callable, real: type) -> str:
-    """`pbd_warp.kernels.distance` -> `pbd_warp.kernels.distance.float32`."""
-    name = f"{source.__module__}.{real.__name__}"
-    if name not in MODULES:
-        MODULES.append(name)
-    return name
+    """`pbd_warp.kernels.distance` -> `pbd_warp.kernels.distance.float32`"""
+    return f"{source.__module__}.{real.__name__}"
 
 
-def _scope(source: Callable, real: type) -> dict[str, Any]:
-    functions = {n: f.functions[real] for n, f in source.__globals__.items() if isinstance(f, PrecisionFunction)}
-    return {**source.__globals__, **PRECISIONS[real], **functions}
-
-
-def _annotations(source: Callable, real: type) -> dict[str, Any]:
-    scope = _scope(source, real)
-    return {name: eval(text, scope) for name, text in source.__annotations__.items()}
-
-
-def _copy(source: Callable, real: type) -> Callable:
-    copy = types.FunctionType(source.__code__, _scope(source, real), source.__name__)
+def _copy(source: Callable, real: type) -> types.FunctionType:
+    """The function with the types, and the functions that it calls, of one precision."""
+    names = {name: value[real] for name, value in source.__globals__.items() if isinstance(value, PrecisionFunction)}
+    scope = {**source.__globals__, **names, **PRECISIONS[real]}
+    copy = types.FunctionType(source.__code__, scope, source.__name__)
     copy.__module__, copy.__qualname__, copy.__doc__ = source.__module__, source.__qualname__, source.__doc__
-    copy.__annotations__ = _annotations(source, real)
+    copy.__annotations__ = {name: eval(text, scope) for name, text in source.__annotations__.items()}
     return copy

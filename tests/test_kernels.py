@@ -256,8 +256,8 @@ def test_sweep_midpoints(real):
 
 @pytest.mark.parametrize(("found", "before", "after"), [(3, 0, 0), (4, 0, 0), (5, 0, 5), (2, 7, 7), (9, 7, 9)])
 def test_note_overflow_keeps_the_most(found, before, after):
-    out = run(note_overflow, "float32", 1, np.array([found]), 4, np.array([1, 2, 3, before]))[-1]
-    np.testing.assert_array_equal(out, [1, 2, 3, after])
+    out = run(note_overflow, "float32", 1, np.array([found]), 4, np.array([1, 2, 3, 4, before]))[-1]
+    np.testing.assert_array_equal(out, [1, 2, 3, 4, after])
 
 
 def project_one_contact(real, x, u, w, normal, gap, lam, radius=0.5, share=(1, 1), mu=0.0):

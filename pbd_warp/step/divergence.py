@@ -57,7 +57,7 @@ class DivergenceMonitor:
 
     def restart(self) -> None:
         """Forget what was found."""
-        self._context.diverged.assign(np.array([*[NOTHING] * 3, 0], np.int32))
+        self._context.diverged.assign(np.array([*[NOTHING] * 4, 0], np.int32))
 
     def launch(self) -> None:
         """At the end of a frame."""

@@ -10,8 +10,23 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from pbd_warp.kernels import bdf2, bounce, collider, contact, damping, distance, divergence, integrate, iteration
-from pbd_warp.kernels import jacobi, machine, memory, midpoint, point
+from pbd_warp.kernel_cache import load_module
+from pbd_warp.kernels import (
+    bdf2,
+    bounce,
+    collider,
+    contact,
+    damping,
+    distance,
+    divergence,
+    integrate,
+    iteration,
+    jacobi,
+    machine,
+    memory,
+    midpoint,
+    point,
+)
 from pbd_warp.kernels.precision import PrecisionKernel, StepPass
 
 LANES = 256
@@ -156,7 +171,7 @@ class Machine:
         self._control = wp.zeros(2, dtype=wp.int32, device=device)
         self._view = self._control.numpy() if device.is_cpu else None
         lanes = 1 if device.is_cpu else LANES
-        wp.load_module(kernel.module, device=device, block_dim=lanes)
+        load_module(kernel.module.name, device)
         with wp.ScopedCapture(device=device, force_module_load=False) as capture:
             wp.launch(
                 kernel,
