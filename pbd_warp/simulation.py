@@ -69,8 +69,7 @@ class Simulation(BuiltForSettings):
                 were more contacts than room for them. It is the last one made: `frame` and `state` are of it.
             InputError: frames is not a whole number of at least 1.
         """
-        if frames != 1:
-            frames = check.whole("frames", frames, low=1)
+        frames = check.whole("frames", frames, low=1)
         last = self.frame + frames
         while self.frame < last:
             moves = self._kinematic.begin_frame(self.frame)
