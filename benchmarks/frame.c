@@ -1,5 +1,5 @@
-/* A frame of benchmarks/frames.py as plain C, one thread: a rope locked at its first particle, with line 5 and 7, one
-   Gauss-Seidel sweep, lines 12-15, and the damping of section 3.5 of Mueller et al. 2007 where there is any. */
+/* A frame of benchmarks/frames.py as plain C, one thread: a rope locked at its first particle, with lines 5 and 7, one
+   sweep of Gauss-Seidel or some of Jacobi, lines 12-15, and the damping of section 3.5 of Mueller et al. 2007 where there is any. */
 #include <math.h>
 
 typedef struct { float x, y, z; } vec;
@@ -68,16 +68,42 @@ static inline void project(vec *u, const vec *x, const float *w, float rest, int
     u[j] = sub(u[j], mul(w[j], push));
 }
 
-/* edge: [edges][2], in the order in which they are projected. locked: the particle held at the origin, or -1. */
-void frame(int n, int edges, int steps, const int *edge, const float *rest, const float *w, float dt, float gravity,
-           float fraction, int locked, vec *x, vec *v, vec *u) {
+static inline void jacobi(vec *correction, const vec *x, const vec *u, const float *w, const int *share, float rest,
+                          int i, int j) {
+    float weight = share[i] * w[i] + share[j] * w[j];
+    if (weight <= 0.0f) return;
+    vec d = add(sub(x[i], x[j]), sub(u[i], u[j]));
+    float length = sqrtf(dot(d, d));
+    if (length <= 0.0f) return;
+    vec push = mul(-(length - rest) / (weight * length), d);
+    correction[i] = add(correction[i], mul(w[i], push));
+    correction[j] = sub(correction[j], mul(w[j], push));
+}
+
+/* edge: [edges][2], in the order in which they are projected. iterations: of Jacobi with split masses (share: how many
+   constraints each particle has); 0: one sweep of Gauss-Seidel. locked: the particle held at the origin, or -1. */
+void frame(int n, int edges, int steps, int iterations, const int *edge, const float *rest, const float *w,
+           const int *share, float dt, float gravity, float fraction, int locked, vec *x, vec *v, vec *u,
+           vec *correction) {
     for (int step = 0; step < steps; step++) {
         for (int i = 0; i < n; i++)
             if (w[i] > 0.0f) v[i].y += dt * gravity;
         if (fraction > 0.0f) damp(n, x, v, w, fraction);
         for (int i = 0; i < n; i++) u[i] = mul(dt, v[i]);
-        for (int k = 0; k < edges; k++) project(u, x, w, rest[k], edge[2 * k], edge[2 * k + 1]);
-        if (locked >= 0 && w[locked] > 0.0f) u[locked] = mul(-1.0f, x[locked]);
+        int held = locked >= 0 && w[locked] > 0.0f;
+        if (iterations == 0) {
+            for (int k = 0; k < edges; k++) project(u, x, w, rest[k], edge[2 * k], edge[2 * k + 1]);
+            if (held) u[locked] = mul(-1.0f, x[locked]);
+        }
+        for (int iteration = 0; iteration < iterations; iteration++) {
+            for (int k = 0; k < edges; k++) jacobi(correction, x, u, w, share, rest[k], edge[2 * k], edge[2 * k + 1]);
+            if (held)
+                correction[locked] = sub(correction[locked], mul(1.0f / share[locked], add(x[locked], u[locked])));
+            for (int i = 0; i < n; i++) {
+                u[i] = add(u[i], correction[i]);
+                correction[i] = (vec){0.0f, 0.0f, 0.0f};
+            }
+        }
         for (int i = 0; i < n; i++) {
             v[i] = mul(1.0f / dt, u[i]);
             x[i] = add(x[i], u[i]);

@@ -18,7 +18,7 @@ from typing import Any
 import warp as wp
 
 from pbd_warp.kernels.divergence import failed
-from pbd_warp.kernels.precision import StepPass, build_kernel, from_text
+from pbd_warp.kernels.precision import StepPass, build_kernel, from_text, index
 
 WHILE, BACK, STEP, FRAME = -1, -2, -3, -4
 
@@ -97,9 +97,9 @@ _WALK = """\
 def _run(step_pass: StepPass, struct: Any, real: type, module: str) -> Any:
     """A pass over all its indices, with the arguments at a place of their array."""
     names = list(step_pass.arguments[real])
-    arrays = [n for n, t in step_pass.arguments[real].items() if isinstance(t, wp.array)]
+    arrays = [n for n, t in step_pass.arguments[real].items() if hasattr(t, "dtype") and hasattr(t, "ndim")]
     types = {n: step_pass.arguments[real][n] for n in arrays}
-    scope: dict[str, Any] = {"wp": wp, "at": step_pass.functions[real]}
+    scope: dict[str, Any] = {"wp": wp, "index": index, "at": step_pass.functions[real]}
     packed = from_text(f"def packed_{step_pass.name}({', '.join(arrays)}):\n    ...\n", {}, types)
     snippet = "\n".join(f"__builtin_assume({n}.strides[0] == (int)sizeof(*{n}.data));" for n in arrays)
     scope["packed"] = wp.func_native(snippet)(packed)
@@ -107,8 +107,10 @@ def _run(step_pass: StepPass, struct: Any, real: type, module: str) -> Any:
         f"def run_{step_pass.name}(lane, count, which, arguments):\n"
         "    a = arguments[which]\n"
         f"    packed({', '.join(f'a.{n}' for n in arrays)})\n"
-        "    for index in range(lane, count, wp.block_dim()):\n"
-        f"        at({', '.join(['index', *(f'a.{n}' for n in names)])})\n"
+        "    i = int(lane)\n"
+        "    while i < count:\n"
+        f"        at({', '.join(['index(i)', *(f'a.{n}' for n in names)])})\n"
+        "        i = i + wp.block_dim()\n"
     )
     arguments = {"lane": wp.int32, "count": wp.int32, "which": wp.int32, "arguments": wp.array[struct]}
     return wp.func(from_text(text, scope, arguments), name=f"run_{step_pass.name}", module=module, inline=False)

@@ -12,6 +12,7 @@ so a launch infers nothing, and each precision lies in a Warp module of its own
 
 import linecache
 import types
+import zlib
 from collections.abc import Callable
 from typing import Any
 
@@ -105,7 +106,7 @@ def func(source: Callable) -> PrecisionFunction:
 def from_text(text: str, scope: dict[str, Any], arguments: dict[str, Any]) -> types.FunctionType:
     """A Python function whose source was put together, where `wp.func` and `wp.kernel` find it."""
     name = text[len("def ") : text.index("(")]
-    file = f"<{name} of {hash(text)}>"
+    file = f"<{name} {zlib.crc32(text.encode()):08x}>"
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     exec(compile(text, file, "exec"), scope)
     made: types.FunctionType = scope[name]
