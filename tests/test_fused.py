@@ -53,8 +53,10 @@ def test_every_array_is_the_same_as_launch_by_launch(case, dtype):
     make, settings = FUSED[case]
     settings = {"substeps": 3, **settings}
     one, other = (pbd.Simulation(make(dtype=dtype), capture=capture, **settings) for capture in (True, False))
-    assert one.fused and one.launches == 1
-    assert not other.fused and other.launches > 3 * len(other.passes)
+    assert one.fused
+    assert one.launches == 1
+    assert not other.fused
+    assert other.launches > 3 * len(other.passes)
     assert one.passes == other.passes
     for sim in (one, other):
         for _ in range(4):
@@ -132,7 +134,8 @@ def test_one_thread_and_replayed_launches_make_the_same_frames(monkeypatch):
     one = pbd.Simulation(rope_model(9), substeps=2, damping=0.1)
     monkeypatch.setattr(program.Program, "pays", lambda *_: False)
     other = pbd.Simulation(rope_model(9), substeps=2, damping=0.1)
-    assert one.fused and not other.fused
+    assert one.fused
+    assert not other.fused
     for sim in (one, other):
         sim.step(frames=5)
     assert fingerprint(one) == fingerprint(other)
@@ -157,7 +160,8 @@ def test_pairs_are_found_with_and_without_a_grid(monkeypatch):
         sims.append(pbd.Simulation(crowd_model(np.random.default_rng(2), n=100)))
         sims[-1].step()
     without, with_grid = map(contacts, sims)
-    assert sims[0]._loop.contacts.grid is None and sims[1]._loop.contacts.grid is not None
+    assert sims[0]._loop.contacts.grid is None
+    assert sims[1]._loop.contacts.grid is not None
     assert len([j for _, j in without if j >= 0]) > 10
     assert without.keys() == with_grid.keys()
     np.testing.assert_allclose([without[p] for p in without], [with_grid[p] for p in without], atol=1e-12)

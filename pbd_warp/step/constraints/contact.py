@@ -18,7 +18,7 @@ MARGIN = 0.05
 """Contacts are watched from this fraction of r_i + r_j before touching: other constraints move particles within the
 step, and a pair that was not watched would overlap until the next one."""
 
-WITHOUT_GRID = 400
+WITHOUT_GRID = 300
 """Up to so many particles each looks at all others: building a grid takes longer (benchmarks/frames.py)."""
 
 CONTACTS_PER_PARTICLE = 8
