@@ -16,6 +16,7 @@ from pbd_warp.step.divergence import DivergenceMonitor
 from pbd_warp.step.integrators import INTEGRATORS
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
 from pbd_warp.step.methods import Direct
+from pbd_warp.step.pull import Pull
 
 
 class Loop:
@@ -38,6 +39,9 @@ class Loop:
         self.contacts = None
         if model.collides:
             self.contacts = ContactConstraints(context, settings.method.valence(model), settings.max_contacts)
+        self.pull = None
+        if settings.grab_acceleration is not None:
+            self.pull = Pull(context, settings.grab_acceleration, settings.grab_speed)
         self.damper = Damper(context, settings.damping, settings.substeps) if settings.damping > 0.0 else None
         self.integrator = INTEGRATORS[settings.integrator](context, damped=self.damper is not None)
         self.solver = settings.method.bind(context, self.contacts)
@@ -72,6 +76,8 @@ class Loop:
 
     def run_step(self) -> None:
         """One step of the integrator."""
+        if self.pull:
+            self.pull.launch()
         for stage in self.integrator.stages:
             self._run_stage(stage)
 

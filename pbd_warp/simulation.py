@@ -19,6 +19,7 @@ from pbd_warp.model.model import Model, State
 from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
 from pbd_warp.settings import Settings
 from pbd_warp.step.kinematic import KinematicParticles
+from pbd_warp.step.pull import Pull
 
 
 class Simulation:
@@ -50,6 +51,7 @@ class Simulation:
         self._loop = Loop(model, settings)
         self._context = self._loop.context
         self._kinematic = KinematicParticles(self._context, settings.dt)
+        self._grip: KinematicParticles | Pull = self._loop.pull or self._kinematic
         self.state = self._context.state
         self._spares: dict[str, Simulation] = {}
 
@@ -76,6 +78,7 @@ class Simulation:
 
     def reset(self) -> None:
         """Back to the initial state: what comes then is what came the first time."""
+        self._grip.release()
         self._kinematic.reset()
         self.state.x.assign(self.model.x)
         self.state.v.assign(self.model.v)
@@ -108,6 +111,8 @@ class Simulation:
         """
         arrays = {name: array.numpy() for name, array in self._context.arrays.items()}
         progress = {"frame": self.frame, "retried": self.retried, "kinematic": self._kinematic.memory}
+        if self._loop.pull:
+            progress["pull"] = self._loop.pull.memory
         Checkpoint(self._given_model, self.settings, progress, arrays, dict(extra or {})).write(path)
 
     @classmethod
@@ -209,31 +214,32 @@ class Simulation:
     @property
     def held(self) -> int | None:
         """The grabbed particle, None for none."""
-        return self._kinematic.held
+        return self._grip.held
 
     @property
     def held_target(self) -> np.ndarray | None:
         """Where the grabbed particle is led to [m], float64 [3]; None without one."""
-        return None if self.held is None else self._kinematic.held_target.copy()
+        return None if self.held is None else self._grip.held_target.copy()
 
     def grab(self, particle: int) -> None:
-        """Take hold of a particle: it stays where it is, whatever pulls at it, until `move_to` or `release`."""
+        """Take hold of a particle: it stays where it is until `move_to` or `release`, whatever pulls at it; with
+        `grab_acceleration`, unless that is stronger."""
         check.indices("grab", [particle], self.model.particle_count)
-        self._kinematic.release()
-        self._kinematic.grab(int(particle))
+        self._grip.release()
+        self._grip.grab(int(particle))
         self._loop.integrator.restart()
 
     def move_to(self, position: ArrayLike) -> None:
         """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over the substeps, to
-        round-off."""
+        round-off. With `grab_acceleration`: where it is pulled to."""
         if self.held is None:
             raise InputError("move_to needs a grabbed particle: call grab(particle) first")
-        self._kinematic.move_held(self.frame, check.vector("position", position))
+        self._grip.move_held(self.frame, check.vector("position", position))
 
     def release(self) -> None:
         """Let go. A free particle keeps the velocity it was moved with; a fixed one stays where it is."""
         if self.held is not None:
-            self._kinematic.release()
+            self._grip.release()
             self._loop.integrator.restart()
 
     def lead(self, particles: ArrayLike, positions: ArrayLike) -> None:
@@ -295,16 +301,33 @@ class Simulation:
             wp.copy(self._loop.solver.counters, other._loop.solver.counters)
         self._kinematic.restore(other._kinematic.memory)
         self.frame = other.frame
+        if type(self._grip) is not type(other._grip):
+            self._grab_otherwise(other)
+        elif self._loop.pull and other._loop.pull:
+            self._loop.pull.take_over(other._loop.pull)
         self._loop.restart()
+
+    def _grab_otherwise(self, other: Simulation) -> None:
+        """Hold what `other`, which pulls where this one holds exactly or the other way round, has grabbed."""
+        particle, target = other.held, other.held_target
+        if particle is None or target is None:
+            return
+        self._kinematic.held = None
+        self._context.w[particle : particle + 1].fill_(self.model.w[particle])
+        self._grip.grab(particle)
+        if self._loop.pull:
+            self._loop.pull.move_held(self.frame, target)
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
         checkpoint.fill(self._context.arrays, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
         self._kinematic.restore(checkpoint.progress["kinematic"])
+        if self._loop.pull:
+            self._loop.pull.restore(checkpoint.progress["pull"])
 
     def _snapshot(self) -> Snapshot:
         x, v, w = (array.numpy().astype(np.float64) for array in (self.state.x, self.state.v, self._context.w))
-        if self.held is not None:
-            x[self.held] = self._kinematic.held_target
+        if self.held is not None and not self._loop.pull:
+            x[self.held] = self._grip.held_target
         target = np.zeros((0, 3)) if self.point_target is None else self.point_target.numpy().astype(np.float64)
         return Snapshot(self.model, self.settings, x, v, w, target)
