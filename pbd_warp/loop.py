@@ -15,6 +15,7 @@ from pbd_warp.step.damping import Damper
 from pbd_warp.step.divergence import DivergenceMonitor
 from pbd_warp.step.integrators import INTEGRATORS
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
+from pbd_warp.step.loading import load_modules
 from pbd_warp.step.methods import Direct
 from pbd_warp.step.pull import Pull
 
@@ -126,8 +127,7 @@ class Loop:
             self.run_step()
             self.monitor.launch()
         start = time.perf_counter()
-        for module in {kernel.module.name for _, kernel in trace if kernel}:
-            wp.load_module(module, device=self.context.model.device)
+        load_modules({kernel.module.name for _, kernel in trace if kernel}, self.context.model.device)
         return time.perf_counter() - start
 
     def _capture(self) -> wp.Graph:

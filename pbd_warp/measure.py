@@ -19,6 +19,7 @@ class Measures:
     max_stretch: Largest | |x_i - x_j| / rest_length - 1 | of all distances (of rest length above 0).
     overlap: Deepest overlap of two particles in contact, or of a particle and a collider [m].
     energy: Kinetic, in gravity (0 at the origin's height) and in compliant constraints [J].
+    kinetic: The first of these [J].
     momentum [kg m/s], angular_momentum about the origin [kg m^2/s]: of all free particles, shape [3].
     """
 
@@ -26,6 +27,7 @@ class Measures:
     max_stretch: float
     overlap: float
     energy: float
+    kinetic: float
     momentum: np.ndarray
     angular_momentum: np.ndarray
 
@@ -48,11 +50,13 @@ def _measure(sim: Simulation) -> Measures:
     rated = edges.rest_length > 0.0
     overlap = max(_pair_overlap(sim, x), _collider_overlap(sim, x))
     elastic = _elastic(c, edges.compliance) + _elastic(c_point, points.compliance)
+    kinetic = float(0.5 * m @ np.sum(v * v, axis=1))
     return Measures(
         residual=max(_largest(c[edges.compliance == 0.0]), _largest(c_point[points.compliance == 0.0]), overlap),
         max_stretch=_largest(c[rated] / edges.rest_length[rated]),
         overlap=overlap,
-        energy=float(0.5 * m @ np.sum(v * v, axis=1) - m @ (x @ model.gravity)) + elastic,
+        energy=kinetic - float(m @ (x @ model.gravity)) + elastic,
+        kinetic=kinetic,
         momentum=m @ v,
         angular_momentum=m @ np.cross(x, v),
     )
