@@ -83,7 +83,8 @@ async def _serve(server: ViewServer, no_open: bool, record: Path | None) -> None
             with contextlib.suppress(AttributeError, NotImplementedError):  # not all are everywhere
                 asyncio.get_running_loop().add_signal_handler(getattr(signal, name), stop.set)
         stopped = asyncio.ensure_future(stop.wait())
-        await asyncio.wait([stopped, server.begun], return_when=asyncio.FIRST_COMPLETED)
+        begun: asyncio.Future[Any] = server.begun
+        await asyncio.wait([stopped, begun], return_when=asyncio.FIRST_COMPLETED)
         if server.begun.done():
             server.begun.result()  # a scene that cannot be simulated like this
         await stopped

@@ -25,7 +25,7 @@ from pbd_warp.view.connection import Connection
 from pbd_warp.view.pace import Pace
 from pbd_warp.view.saving import SAVED, saved_file
 from pbd_warp.view.session import Session
-from pbd_warp.view.turn import Outcome, clip_of, take_turn
+from pbd_warp.view.turn import Outcome, clip_of, take_turn, what_takes_long
 
 PAGE = Path(__file__).parent / "page"
 TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
@@ -48,7 +48,6 @@ MOST_WAITING = 32
 _LAST_COUNTS = (say.Move, say.Release, say.Pause, say.Reset, say.Rewind, say.Change, say.Open)
 """Of several of one kind in a row, all but the last are forgotten; of changes all count, as one."""
 
-_TAKES_LONG = {say.Change: "Changing the settings", say.Reset: "Starting over", say.Rope: "Adding the rope"}
 _SETS_THE_CLOCK = (say.Change, say.Reset, say.Open, say.Rope)
 
 
@@ -166,7 +165,7 @@ class ViewServer:
             now = loop.time()
             asked = any(not isinstance(message, say.Move) for _, message in commands)
             tell = asked or bool(new_pages) or now - told >= STATUS_EVERY
-            text = _what_takes_long(commands)
+            text = what_takes_long(commands)
             if text:
                 self._set_busy({"text": text})
             outcome = await loop.run_in_executor(
@@ -298,12 +297,3 @@ class ViewServer:
         if not response.prepared:
             response.headers.update(HEADERS)
         return response
-
-
-def _what_takes_long(commands: list[tuple[int, say.Message | None]]) -> str | None:
-    for _, message in commands:
-        if isinstance(message, say.Open):
-            return f"Opening {message.scene}"
-        if type(message) in _TAKES_LONG:
-            return _TAKES_LONG[type(message)]
-    return None

@@ -77,3 +77,16 @@ def take_turn(
 def clip_of(session: Session) -> tuple[Clip, Recording]:
     """What can be saved of a session, as it is now."""
     return session.clip_now(), copy.deepcopy(session.recording)
+
+
+_TAKES_LONG = {say.Change: "Changing the settings", say.Reset: "Starting over", say.Rope: "Adding the rope"}
+
+
+def what_takes_long(commands: list[tuple[int, say.Message | None]]) -> str | None:
+    """What pages are to show while this is done, None where it is quick."""
+    for _, message in commands:
+        if isinstance(message, say.Open):
+            return f"Opening {message.scene}"
+        if type(message) in _TAKES_LONG:
+            return _TAKES_LONG[type(message)]
+    return None
