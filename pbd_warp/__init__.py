@@ -7,6 +7,7 @@ from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
 from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene, load_scene, scene_names
+from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import Limits
 from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
@@ -26,6 +27,7 @@ __all__ = [
     "PbdError",
     "PreflightWarning",
     "Scene",
+    "Settings",
     "Simulation",
     "SimulationFailed",
     "State",

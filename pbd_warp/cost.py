@@ -16,7 +16,7 @@ def cost_sheet(sim: Simulation) -> str:
     lines = [
         f"particles        {model.particle_count}",
         f"constraints      {model.constraint_count}",
-        f"steps a frame    {sim.substeps} of {1e3 * sim.settings.step_dt:.4g} ms",
+        f"steps a frame    {round(sim.dt / sim.settings.step_dt)} of {1e3 * sim.settings.step_dt:.4g} ms",
         f"launches a step  {len(passes)}",
         f"launches a frame {sim.launches}",
         f"device memory    {total} bytes, {total / model.particle_count:.1f} a particle",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbd_warp.preflight import Snapshot, nearest_remedy
+from pbd_warp.preflight import SMALLER_STEPS, Snapshot, nearest_remedy
 from pbd_warp.step.constraints.contact import room_for_contacts
 
 Failure = tuple[str, int]
@@ -27,10 +27,10 @@ def _remedy(now: Snapshot, kind: str) -> str:
     """Where nothing known is near."""
     if kind == "newton":
         return (
-            "use more substeps, on_failure='subdivide', which makes such frames again with smaller steps, or "
+            f"{SMALLER_STEPS}, on_failure='subdivide', which makes such frames again with smaller steps, or "
             "'continue', where what is left over does not matter"
         )
-    return now.settings.method.remedy
+    return ", or ".join(text for text in (SMALLER_STEPS, now.settings.method.remedy) if text)
 
 
 def _finding(now: Snapshot, failure: Failure) -> str:

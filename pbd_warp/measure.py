@@ -67,8 +67,8 @@ def _largest(values: np.ndarray) -> float:
 
 
 def _elastic(c: np.ndarray, compliance: np.ndarray) -> float:
-    soft = compliance > 0.0
-    return float(np.sum(0.5 * c[soft] ** 2 / compliance[soft]))
+    compliant = compliance > 0.0
+    return float(np.sum(0.5 * c[compliant] ** 2 / compliance[compliant]))
 
 
 def _pair_overlap(sim: Simulation, x: np.ndarray) -> float:

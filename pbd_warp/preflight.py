@@ -13,13 +13,11 @@ import numpy as np
 
 from pbd_warp.model.model import Model, masses
 from pbd_warp.settings import Settings
+from pbd_warp.step.divergence import STRETCHED
 from pbd_warp.step.integrators import INTEGRATORS
 from pbd_warp.step.methods.direct import Direct, paths
 from pbd_warp.step.methods.jacobi import Jacobi
-from pbd_warp.step.methods.spectrum import largest_eigenvalue
-
-STRETCHED = 0.1
-"""Stretch that counts as a failure, as in the atlas."""
+from pbd_warp.step.methods.spectrum import JacobiSweep
 
 WHIP = 0.3
 """A link that turns by this angle in a step [rad] under its own weight is too much for "midpoint" as a whip."""
@@ -30,6 +28,8 @@ NOISE = 0.01
 
 ROUND_OFF = 1e-6
 """Of a length, by which it is the same."""
+
+SMALLER_STEPS = "use more substeps"
 
 REMEDIES = {
     "relaxation": "keep averaging='mass-splitting' and the relaxation at 1",
@@ -113,7 +113,8 @@ def _relaxation(now: Snapshot) -> Iterator[PreflightWarning]:
     method = now.settings.method
     if not isinstance(method, Jacobi) or (method.averaging == "mass-splitting" and method.relaxation <= 1.0):
         return
-    largest = max(largest_eigenvalue(now.model, method, now.x), 1e-300)
+    sweep = JacobiSweep(now.model, method.averaging, method.valence(now.model), now.x)
+    largest = max(sweep.largest_eigenvalue(), 1e-300)
     limit, at_odd = 2.0 / largest, (1.0 + 3.0 ** (-1.0 / method.iterations)) / largest
     # At the limit itself an error neither grows nor falls, and the estimate of it is good to some 0.1 %.
     severity = method.relaxation / limit * (1.0 + 1e-3)

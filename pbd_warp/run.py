@@ -13,10 +13,10 @@ from typing import Any, Protocol
 
 import warp as wp
 
-import pbd_warp
 from pbd_warp import check
 from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import InputError, Interrupted, SimulationFailed
+from pbd_warp.grab.controller import Controller, play
 from pbd_warp.grab.drag import Drag
 from pbd_warp.grab.recording import Recording, Replay
 from pbd_warp.measure import measure
@@ -25,6 +25,7 @@ from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd.writer import UsdWriter
+from pbd_warp.version import __version__
 
 
 @dataclass(frozen=True)
@@ -97,22 +98,8 @@ class _Progress:
         self.wall += seconds
 
 
-class Controller(Protocol):
-    """Moves particles between frames: a drag, a recording, what a stage's pinned points follow."""
-
-    @property
-    def memory(self) -> Any:
-        """What it needs to go on from a checkpoint; anything that JSON can hold."""
-
-    def resume(self, memory: Any, sim: Simulation) -> Simulation:
-        """Go on from a checkpoint; gives the simulation that the checkpoint is of."""
-
-    def advance(self, sim: Simulation) -> Simulation:
-        """Before the frame that `step()` makes next, of the simulation that this returns."""
-
-
 class Writer(Protocol):
-    """Writes frames: `UsdWriter`, or the one of a stage."""
+    """Writes frames: `UsdWriter`, or the one that writes over a USD stage."""
 
     def write(self, state: State) -> None: ...
     def flush(self) -> None: ...
@@ -136,7 +123,7 @@ class Hooks:
     """
 
     on_frame: Callable[[int], object] = lambda frame: None
-    on_warning: Callable[[PreflightWarning], object] = lambda caution: None
+    on_warning: Callable[[PreflightWarning], object] = lambda warning: None
     checkpoints: Checkpoints | None = None
 
 
@@ -177,7 +164,7 @@ def run(
 def provenance(scene: Scene, model: Model) -> dict[str, Any]:
     """How a file was made, for its customLayerData."""
     return {
-        "version": pbd_warp.__version__,
+        "version": __version__,
         "scene": scene.name,
         "device": str(model.device),
         "dtype": model.dtype,
@@ -223,11 +210,11 @@ def make_frames(
             )
     writer = open_writer(progress.frames or None)
     with report_saved_frames(writer), writer:
+        motion = play(sim, controller, scene.frames)
         for frame in range(progress.frames, scene.frames):
             if frame > 0:
-                sim = controller.advance(sim)
                 start = time.perf_counter()
-                sim.step()
+                sim = next(motion)
                 wp.synchronize_device(sim.model.device)
                 progress.note(sim, time.perf_counter() - start)
             writer.write(sim.state)

@@ -31,7 +31,7 @@ class Scene:
     reference: Exact positions [m] at a time [s], shape [particle_count, 3], where they are known; reference_text: where
     from. name: The file's, filled in by `load_scene`.
 
-    Settings may also be given by their names, with `fps` for 1 / dt: Scene(builder, fps=24, substeps=4).
+    Settings may also be given by their names, with `fps` for 1 / dt: Scene(builder, fps=24, damping=0.1).
 
     Raises:
         InputError: a setting that makes no sense.

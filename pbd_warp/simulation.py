@@ -10,23 +10,23 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from pbd_warp import check, retry
+from pbd_warp import retry
 from pbd_warp.checkpoint import Checkpoint
-from pbd_warp.errors import InputError, SimulationFailed
+from pbd_warp.errors import SimulationFailed
 from pbd_warp.failure import describe
 from pbd_warp.loop import Loop
+from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
 from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
 from pbd_warp.settings import Settings
-from pbd_warp.step.kinematic import KinematicParticles
-from pbd_warp.step.pull import Pull
+from pbd_warp.step.moved import MovedParticles
 
 
 class Simulation:
     """Runs a model, frame by frame.
 
     Args:
-        model: What to simulate.
+        model: What to simulate; a builder is finalized with its defaults.
         settings: How; the defaults of `Settings` unless given.
         **changes: Settings by name that take the place of those: dt, substeps, method, integrator, damping, ...
 
@@ -41,7 +41,9 @@ class Simulation:
         InputError: a setting that makes no sense, or that method or integrator refuse for this model.
     """
 
-    def __init__(self, model: Model, settings: Settings | None = None, **changes: Any):
+    def __init__(self, model: Model | ModelBuilder, settings: Settings | None = None, **changes: Any):
+        if isinstance(model, ModelBuilder):
+            model = model.finalize()
         settings = (settings or Settings()).changed(**changes)
         self.settings = settings
         self._given_model = model
@@ -50,8 +52,7 @@ class Simulation:
         self.retried = 0
         self._loop = Loop(model, settings)
         self._context = self._loop.context
-        self._kinematic = KinematicParticles(self._context, settings.dt)
-        self._grip: KinematicParticles | Pull = self._loop.pull or self._kinematic
+        self._moved = MovedParticles(self._context, settings.dt, self._loop.pull)
         self.state = self._context.state
         self._spares: dict[str, Simulation] = {}
 
@@ -62,7 +63,7 @@ class Simulation:
             SimulationFailed: the frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
                 were more contacts than room for them.
         """
-        self._kinematic.begin_frame(self.frame)
+        self._moved.begin_frame(self.frame)
         self._loop.make_frame()
         self.frame += 1
         failure = self._loop.find_failure()
@@ -78,8 +79,7 @@ class Simulation:
 
     def reset(self) -> None:
         """Back to the initial state: what comes then is what came the first time."""
-        self._grip.release()
-        self._kinematic.reset()
+        self._moved.reset()
         self.state.x.assign(self.model.x)
         self.state.v.assign(self.model.v)
         if self.point_target is not None:
@@ -110,13 +110,11 @@ class Simulation:
             SimulationFailed: the disk is full, or failed otherwise; an older file of that name is still there.
         """
         arrays = {name: array.numpy() for name, array in self._context.arrays.items()}
-        progress = {"frame": self.frame, "retried": self.retried, "kinematic": self._kinematic.memory}
-        if self._loop.pull:
-            progress["pull"] = self._loop.pull.memory
+        progress = {"frame": self.frame, "retried": self.retried, "moved": self._moved.memory}
         Checkpoint(self._given_model, self.settings, progress, arrays, dict(extra or {})).write(path)
 
     @classmethod
-    def load(cls, path: str | Path, device: Any = None) -> Simulation:
+    def load(cls, path: str | Path, device: str | wp.Device | None = None) -> Simulation:
         """The simulation that `save` wrote, model included; it goes on as if it had never stopped, bit for bit on the
         CPU.
 
@@ -214,32 +212,28 @@ class Simulation:
     @property
     def held(self) -> int | None:
         """The grabbed particle, None for none."""
-        return self._grip.held
+        return self._moved.held
 
     @property
     def held_target(self) -> np.ndarray | None:
         """Where the grabbed particle is led to [m], float64 [3]; None without one."""
-        return None if self.held is None else self._grip.held_target.copy()
+        return self._moved.held_target
 
     def grab(self, particle: int) -> None:
         """Take hold of a particle: it stays where it is until `move_to` or `release`, whatever pulls at it; with
         `grab_acceleration`, unless that is stronger."""
-        check.indices("grab", [particle], self.model.particle_count)
-        self._grip.release()
-        self._grip.grab(int(particle))
+        self._moved.grab(particle)
         self._loop.integrator.restart()
 
     def move_to(self, position: ArrayLike) -> None:
         """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over the substeps, to
         round-off. With `grab_acceleration`: where it is pulled to."""
-        if self.held is None:
-            raise InputError("move_to needs a grabbed particle: call grab(particle) first")
-        self._grip.move_held(self.frame, check.vector("position", position))
+        self._moved.move_held(self.frame, position)
 
     def release(self) -> None:
         """Let go. A free particle keeps the velocity it was moved with; a fixed one stays where it is."""
         if self.held is not None:
-            self._grip.release()
+            self._moved.release()
             self._loop.integrator.restart()
 
     def lead(self, particles: ArrayLike, positions: ArrayLike) -> None:
@@ -253,14 +247,7 @@ class Simulation:
         Raises:
             InputError: a particle that is not fixed (grab those), or not as many positions as particles.
         """
-        index = np.atleast_1d(check.indices("lead", particles, self.model.particle_count))
-        target = check.vectors("positions", positions)
-        if len(target) != len(index):
-            raise InputError(f"lead needs a position for each of {len(index)} particles, not {len(target)}")
-        free = index[self.model.w[index] > 0.0]
-        if free.size:
-            raise InputError(f"lead takes fixed particles, but particle {free[0]} has mass: fix it (mass 0) or grab it")
-        self._kinematic.move_fixed(self.frame, index, target)
+        self._moved.move_fixed(self.frame, particles, positions)
 
     def __repr__(self) -> str:
         return f"Simulation({self.model!r}, frame {self.frame} of {self.dt:g} s, {self.settings})"
@@ -270,11 +257,8 @@ class Simulation:
         return f"frame {self.frame} (t = {self.time:.6g} s)"
 
     def _retry(self) -> bool:
-        """Make a failed frame again from its start, with settings that are more robust, until an attempt succeeds.
-
-        After it the simulation goes on with its own settings; integrator and method begin anew, since what they
-        remember belongs to another step length.
-        """
+        """Make a failed frame again from its start, with settings that are more robust, until an attempt succeeds;
+        then go on with the own ones. Integrator and method begin anew: what they remember is of another step."""
         for name, settings in retry.attempts(self.settings):
             if name not in self._spares:
                 self._spares[name] = Simulation(self._given_model, settings)
@@ -299,35 +283,17 @@ class Simulation:
             wp.copy(mine.point_target, theirs.point_target)
         if self._loop.solver.counters is not None and other._loop.solver.counters is not None:
             wp.copy(self._loop.solver.counters, other._loop.solver.counters)
-        self._kinematic.restore(other._kinematic.memory)
+        self._moved.take_over(other._moved)
         self.frame = other.frame
-        if type(self._grip) is not type(other._grip):
-            self._grab_otherwise(other)
-        elif self._loop.pull and other._loop.pull:
-            self._loop.pull.take_over(other._loop.pull)
         self._loop.restart()
-
-    def _grab_otherwise(self, other: Simulation) -> None:
-        """Hold what `other`, which pulls where this one holds exactly or the other way round, has grabbed."""
-        particle, target = other.held, other.held_target
-        if particle is None or target is None:
-            return
-        self._kinematic.held = None
-        self._context.w[particle : particle + 1].fill_(self.model.w[particle])
-        self._grip.grab(particle)
-        if self._loop.pull:
-            self._loop.pull.move_held(self.frame, target)
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
         checkpoint.fill(self._context.arrays, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
-        self._kinematic.restore(checkpoint.progress["kinematic"])
-        if self._loop.pull:
-            self._loop.pull.restore(checkpoint.progress["pull"])
+        self._moved.restore(checkpoint.progress["moved"])
 
     def _snapshot(self) -> Snapshot:
         x, v, w = (array.numpy().astype(np.float64) for array in (self.state.x, self.state.v, self._context.w))
-        if self.held is not None and not self._loop.pull:
-            x[self.held] = self._grip.held_target
+        self._moved.where_held(x)
         target = np.zeros((0, 3)) if self.point_target is None else self.point_target.numpy().astype(np.float64)
         return Snapshot(self.model, self.settings, x, v, w, target)

@@ -17,11 +17,12 @@ from pbd_warp.preflight import REMEDIES
 from pbd_warp.stability import theory
 from pbd_warp.stability.atlas import COLUMNS, Measured, load, measure_cell, measure_map, save
 from pbd_warp.stability.cell import study
-from pbd_warp.stability.classify import GAINED, LEFT, OFF, OUTCOMES, STRETCHED, Figures, classify
+from pbd_warp.stability.classify import GAINED, LEFT, OFF, OUTCOMES, Figures, classify
 from pbd_warp.stability.draw import LOOKS, boundary_line, draw
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
 from pbd_warp.stability.maps import MAPS, choose
 from pbd_warp.stability.page import page
+from pbd_warp.step.divergence import STRETCHED
 
 SHOWN = Path(__file__).parent.parent / "docs" / "stability"
 WITH_THEORY = [

@@ -126,7 +126,7 @@ def test_a_simulation_that_diverges_says_so_and_keeps_its_frames(tmp_path):
     message = last_line(result.stderr)
     frames = samples(tmp_path / "far.usda")
     assert f"frame {len(frames)} " in message
-    for part in ("particle 0 has left the finite numbers with Jacobi(iterations=20", "try more substeps", "far.usda"):
+    for part in ("particle 0 has left the finite numbers with Jacobi(iterations=20", "use more substeps", "far.usda"):
         assert part in message
 
 

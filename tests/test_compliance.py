@@ -1,5 +1,6 @@
 """Compliance: springs, tensions, catenaries."""
 
+import closed_forms
 import numpy as np
 import pytest
 from models import state
@@ -22,7 +23,7 @@ def test_a_compliant_spring_is_the_implicit_oscillator(method, iterations):
     builder.add_distance(0, 1, rest_length=1.0, compliance=compliance)
     settings = {"method": method(iterations), "on_failure": "continue"}  # one Newton iteration does not know its error
     sim = run(builder.finalize(dtype="float64"), dt=n * h, substeps=n, **settings)
-    exact = references.implicit_oscillator(n, h, 1.25, mass, compliance, 1.0)
+    exact = closed_forms.implicit_oscillator(n, h, 1.25, mass, compliance, 1.0)
     assert abs(exact - 1.25) > 0.01
     # Each of n steps rounds values of size 1, and the oscillator carries every error on for up to n steps.
     assert abs(state(sim)[0][1, 0] - exact) <= n * n * EPS["float64"]
@@ -64,7 +65,7 @@ def test_tensions_and_stretch_of_a_hanging_chain(name, substeps):
 def elastic_catenary(start=(0, 0, 0)):
     """A model of 12 springs between two fixed ends, moved by `start` from where it rests; and where that is."""
     links, length, compliance = 12, 0.1, 1e-3
-    x, tension = references.elastic_catenary(links, length, 0.9, 0.2, compliance)
+    x, tension = closed_forms.elastic_catenary(links, length, 0.9, 0.2, compliance)
     assert (compliance * tension).max() > 0.01 * length, "it should stretch"
     inside = np.r_[0.0, np.ones(links - 1), 0.0]
     builder = pbd.ModelBuilder()

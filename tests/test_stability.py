@@ -147,7 +147,7 @@ def test_a_bob_of_100000_times_the_mass_needs_direct_or_many_substeps():
     scene = study("heavy_bob", ratio=1e5).changed(frames=42, integrator="pbd")
     for method in (pbd.Jacobi(100), pbd.GaussSeidel(100)):
         assert stretch(scene.changed(substeps=1, method=method)) > 1.0
-    needed = theory.sweeps_for(theory.heavy_bob(1e5, 20), 1.0 / 60.0, "gauss-seidel", 3.0, substeps=True)
+    needed = theory.sweeps_for(theory.heavy_bob(1e5, 20), 1.0 / 60.0, "gauss-seidel", 3.0, steps=True)
     assert 256 < needed < 1024
     assert stretch(scene.changed(substeps=1024, method=pbd.GaussSeidel(1))) < 0.1
     sim, measures = run(scene.changed(substeps=1, method=pbd.Direct()))

@@ -41,7 +41,7 @@ def test_contents(wheel):
         f"pbd_warp/accuracy/charts/{p.name}" for p in (ROOT / "pbd_warp" / "accuracy" / "charts").glob("*.csv")
     }
     expected |= {f"pbd_warp/view/page/{p.name}" for p in (ROOT / "pbd_warp" / "view" / "page").iterdir()}
-    assert set(names) == expected
+    assert set(names) == expected | {"pbd_warp/py.typed"}
 
 
 def test_an_empty_environment_gets_nothing_global_but_pbd_warp(wheel, tmp_path):

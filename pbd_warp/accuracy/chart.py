@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pbd_warp.errors import unknown
+from pbd_warp.settings import Settings
+from pbd_warp.step.methods import METHODS
 from pbd_warp.table import TableRow, load_table, save_table
 
 OUTCOMES = ("converged", "not converged", "diverged")
@@ -43,12 +45,27 @@ class Row(TableRow):
     energy_drift: float
     outcome: str
 
+    @property
+    def label(self) -> str:
+        """What the front is labelled with: LABEL."""
+        return f"{self.substeps}\N{MULTIPLICATION SIGN}{self.iterations}"
+
+    def apply(self, settings: Settings) -> Settings:
+        """Settings with the row's in their place; its dtype is the model's."""
+        method = METHODS[self.method](iterations=self.iterations)
+        return settings.changed(method=method, integrator=self.integrator, substeps=self.substeps)
+
     def __post_init__(self) -> None:
         if self.outcome not in OUTCOMES:
             raise unknown("outcome", self.outcome, OUTCOMES)
 
 
 COLUMNS = tuple(Row.parsers())
+
+CONFIGURATION = ("method", "integrator", "substeps", "iterations", "dtype")
+"""The columns that say how it was simulated."""
+
+LABEL = "substeps\N{MULTIPLICATION SIGN}iterations"
 
 
 @dataclass(frozen=True)
@@ -98,8 +115,7 @@ def best_error(rows: Iterable[Row]) -> float:
 
 def flags(row: Row) -> str:
     """The row's configuration as flags of `pbd-warp run`."""
-    names = ("method", "integrator", "substeps", "iterations", "dtype")
-    return " ".join(f"--{name} {getattr(row, name)}" for name in names)
+    return " ".join(f"--{name} {getattr(row, name)}" for name in CONFIGURATION)
 
 
 def failed(row: Row) -> bool:

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import textwrap
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from pbd_warp import check
-from pbd_warp.accuracy.chart import Chart, Row, failed, front
+from pbd_warp.accuracy.chart import LABEL, Chart, Row, failed, front
+from pbd_warp.accuracy.labels import (
+    GREY,
+    INK,
+    PALE,
+    SMALL,
+    Place,
+    Scale,
+    along,
+    emptiest,
+    shade_strip,
+    write,
+    write_beside,
+)
 from pbd_warp.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,57 +30,23 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-# The picture: sizes in inches; a place is a point of a panel, as fractions of its width and height.
-
-Place = tuple[float, float]
+# The picture: sizes in inches.
 
 WIDTH, PANEL_WIDTH, PANEL_HEIGHT = 11.0, 4.85, 4.6
 LEFT, GAP, TOP = 0.75, 0.25, 0.5
 LINE = 0.17  # from one line of small type to the next
-SMALL = 7.0  # points
 
 # Okabe and Ito's colours, told apart by colour-blind readers; a method or integrator not listed gets a spare one.
 COLOURS = {"jacobi": "#0072B2", "gauss-seidel": "#009E73", "chebyshev": "#CC79A7", "direct": "#D55E00"}
 SPARE_COLOURS = ("#E69F00", "#56B4E9", "#000000")
 SHAPES = {"pbd": "o", "bdf2": "s", "midpoint": "^", "midpoint4": "D"}
 SPARE_SHAPES = ("v", "P", "p", "<", ">")
-INK, GREY, PALE = "#222222", "#777777", "#e4e4e4"
 FAINT = 0.35  # opacity of what did not converge
 
 PANELS = {
     "wall": ("wall_ms_per_sim_second", "wall time for one simulated second [ms]"),
     "projections": ("projections_per_sim_second", "constraint projections for one simulated second, on any hardware"),
 }
-
-
-@dataclass(frozen=True)
-class Scale:
-    """A logarithmic axis from 10^low to 10^high, with a strip inside each end for what has no finite logarithm."""
-
-    low: float
-    high: float
-
-    STRIP = 0.07  # of the axis
-
-    @classmethod
-    def of(cls, values: Iterable[float]) -> Scale:
-        logs = [math.log10(value) for value in values if 0.0 < value < math.inf] or [0.0]
-        widen = max(0.0, 2.0 - (max(logs) - min(logs))) / 2.0  # two decades at least, so that ticks have numbers
-        low, high = min(logs) - widen, max(logs) + widen
-        strip = cls.STRIP / (1.0 - 2.0 * cls.STRIP) * (high - low)
-        return Scale(low - strip, high + strip)
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        return 10.0**self.low, 10.0**self.high
-
-    def place(self, value: float) -> float:
-        """Where `value` is drawn, 0 to 1: 0 and below in the strip at the low end, nan and inf in the other."""
-        if value <= 0.0:
-            return self.STRIP / 2.0
-        if not math.isfinite(value):
-            return 1.0 - self.STRIP / 2.0
-        return (math.log10(value) - self.low) / (self.high - self.low)
 
 
 def check_picture(path: str | Path) -> str:
@@ -146,7 +121,7 @@ def _panel(axes: Axes, rows: Sequence[Row], panel: str, errors: Scale) -> None:
 
     best = front(rows, cost)
     line = [place(row) for row in best]
-    taken = [*map(place, rows), *_along(line)]
+    taken = [*map(place, rows), *along(line)]
     if line:
         _plot(axes, line, f"{panel}-front", color=INK, linewidth=1.1, zorder=2)
         taken += _name_front(axes, best, line)
@@ -155,11 +130,11 @@ def _panel(axes: Axes, rows: Sequence[Row], panel: str, errors: Scale) -> None:
     if reached:
         y = errors.place(min(reached))
         _plot(axes, [(0.0, y), (1.0, y)], f"{panel}-floor", color=GREY, linewidth=0.9, linestyle=":", zorder=1.5)
-        _say_beside(axes, f"float32 floor {min(reached):.2g} m", y + 0.022, 0.27, taken)
+        write_beside(axes, f"float32 floor {min(reached):.2g} m", y + 0.022, 0.27, taken)
     if any(map(failed, rows)):
-        _strip(axes, 1.0 - Scale.STRIP, "diverged", taken)
+        shade_strip(axes, 1.0 - Scale.STRIP, "diverged", taken)
     if any(row.position_error <= 0.0 and not failed(row) for row in rows):
-        _strip(axes, 0.0, "no error", taken)
+        shade_strip(axes, 0.0, "no error", taken)
 
 
 def _kind(row: Row) -> str:
@@ -226,13 +201,12 @@ def _spreads(axes: Axes, rows: Iterable[Row], costs: Scale, errors: Scale, look:
 
 
 def _name_front(axes: Axes, best: Sequence[Row], line: Sequence[Place]) -> list[Place]:
-    """Write substeps x iterations below and left of rows of the front, where no row can be; leave out what collides."""
+    """Write the labels below and left of rows of the front, where no row can be; leave out what collides."""
     named: list[Place] = []
     paper = {"facecolor": "white", "linewidth": 0.0, "pad": 0.3}  # hides the float32 floor behind the text
     for row, (x, y) in zip(best, line, strict=True):
         if all(abs(x - other_x) > 0.08 or abs(y - other_y) > 0.035 for other_x, other_y in named):
-            text = f"{row.substeps}\N{MULTIPLICATION SIGN}{row.iterations}"
-            _say(axes, x - 0.012, y - 0.007, text, ha="right", va="top", zorder=1.8, bbox=paper)
+            write(axes, x - 0.012, y - 0.007, row.label, ha="right", va="top", zorder=1.8, bbox=paper)
             named.append((x, y))
     return [(x - 0.04, y - 0.025) for x, y in named]
 
@@ -241,7 +215,7 @@ def _guides(axes: Axes, costs: Scale, errors: Scale, taken: Sequence[Place], pan
     """A fan of error ~ cost^-1, cost^-2, cost^-4, all of one length, where it hides least."""
     box = (0.27, 0.25)
     centres = [(0.16 + 0.04 * i, 0.2 + 0.04 * j) for j in range(15) for i in range(18)]
-    x, y = _emptiest(centres, box, taken)
+    x, y = emptiest(centres, box, taken)
     x, y = x - box[0] / 2.0 + 0.01, y + box[1] / 2.0
     across, used = PANEL_WIDTH / (costs.high - costs.low), [(x, y)]
     for slope in (1, 2, 4):
@@ -251,42 +225,9 @@ def _guides(axes: Axes, costs: Scale, errors: Scale, taken: Sequence[Place], pan
         look: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "linestyle": (0, (4, 3)), "zorder": 1.5}
         _plot(axes, [(x, y), (x + dx, y - dy)], f"{panel}-slope-{slope}", **look)
         text = "slope " * (slope == 1) + f"\N{MINUS SIGN}{slope}"
-        _say(axes, x + 1.06 * dx, y - 1.06 * dy, text, ha="left", va="center" if across > down else "top")
-        used += _along([(x, y), (x + 1.2 * dx, y - 1.2 * dy)])
+        write(axes, x + 1.06 * dx, y - 1.06 * dy, text, ha="left", va="center" if across > down else "top")
+        used += along([(x, y), (x + 1.2 * dx, y - 1.2 * dy)])
     return used
-
-
-def _strip(axes: Axes, bottom: float, text: str, taken: Sequence[Place]) -> None:
-    """Shade a strip at the top or bottom edge: what is drawn there is off the scale."""
-    top = bottom + Scale.STRIP
-    axes.fill([0, 1, 1, 0], [bottom, bottom, top, top], transform=axes.transAxes, color=PALE, alpha=0.5, zorder=0.5)
-    _say_beside(axes, text, bottom + Scale.STRIP / 2.0, 0.11, taken)
-
-
-def _say_beside(axes: Axes, text: str, y: float, width: float, taken: Sequence[Place]) -> None:
-    """Write at the height y, as far right as nothing is in the way."""
-    right = 0.99 - width / 2.0
-    x, _ = _emptiest([(right - 0.01 * i, y) for i in range(int(100 * (1.0 - width)))], (width, 0.03), taken)
-    _say(axes, x, y, text, ha="center", va="center")
-
-
-def _say(axes: Axes, x: float, y: float, text: str, **look: Any) -> None:
-    base: dict[str, Any] = {"size": SMALL, "color": INK, "zorder": 5}
-    axes.text(x, y, text, transform=axes.transAxes, **(base | look))
-
-
-def _along(line: Sequence[Place]) -> list[Place]:
-    """Places so close together along a line that no text fits between them."""
-    return [
-        (a + (c - a) * i / 24, b + (d - b) * i / 24) for (a, b), (c, d) in itertools.pairwise(line) for i in range(25)
-    ]
-
-
-def _emptiest(centres: Sequence[Place], box: Place, taken: Sequence[Place]) -> Place:
-    """The centre at which a box keeps farthest from all that is taken; the first of those with room enough."""
-    gaps = np.abs(np.array(centres)[:, None] - np.array(taken)) - np.array(box) / 2.0  # shape [centres, taken, 2]
-    room = np.minimum(np.hypot(*np.moveaxis(np.maximum(gaps, 0.0), -1, 0)).min(axis=1), 0.05)
-    return centres[int(room.argmax())]
 
 
 def _keys(rows: Sequence[Row]) -> list[tuple[str, list[Line2D]]]:
@@ -305,7 +246,7 @@ def _keys(rows: Sequence[Row]) -> list[tuple[str, list[Line2D]]]:
         ("diverged" in kinds, key("diverged, at the top edge", **_look("diverged", GREY, "", ""))),
         (
             kinds != {"diverged"},
-            key("Pareto front, as substeps\N{MULTIPLICATION SIGN}iterations", linestyle="-", color=INK),
+            key(f"Pareto front, as {LABEL}", linestyle="-", color=INK),
         ),
         (any(row.wall_spread > 0.0 for row in rows), key("spread of the repetitions", linestyle="-", linewidth=0.9)),
     ]

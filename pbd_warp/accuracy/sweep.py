@@ -18,12 +18,13 @@ import warp as wp
 from pbd_warp import check
 from pbd_warp.accuracy.chart import Chart, Row
 from pbd_warp.errors import InputError, SimulationFailed, unknown
+from pbd_warp.grab.controller import play
 from pbd_warp.grab.drag import Drag
 from pbd_warp.measure import measure
 from pbd_warp.model.model import Model
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
-from pbd_warp.step.divergence import Limits
+from pbd_warp.step.divergence import STRETCHED, Limits
 from pbd_warp.step.integrators import INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, Jacobi
 from pbd_warp.version import __version__
@@ -33,9 +34,6 @@ SECONDS = 1.0
 
 FINER = 16
 """A scene without an exact reference is compared with itself at so many times the substeps, in float64."""
-
-STRETCHED = 0.1
-"""A rigid link further off its length than this counts as not converged, whatever the method says of itself."""
 
 SLOWEST = 4.0
 """A configuration that takes longer than this many seconds for a simulated one is not repeated."""
@@ -144,19 +142,10 @@ def _reference(scene: Scene, model: Model, frames: int) -> tuple[np.ndarray, str
     except InputError:  # no paths: as many sweeps as are affordable
         finer = finer.changed(method=Jacobi(iterations=4 * scene.settings.method.iterations))
         sim = Simulation(model, finer)
-    for _ in _frames(scene, sim, frames):
+    for _ in play(sim, Drag(scene.drag), frames):
         pass
     text = f"its own run with {finer.method.name}, {finer.substeps} substeps (16 times its default), float64"
     return sim.state.x.numpy(), text
-
-
-def _frames(scene: Scene, sim: Simulation, frames: int):  # type: ignore[no-untyped-def]
-    """Run the scene's frames, drag included; yields after each."""
-    drag = Drag(scene.drag)
-    for _ in range(frames):
-        drag.advance(sim)
-        sim.step()
-        yield
 
 
 def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, repeat: int) -> Row:
@@ -165,7 +154,7 @@ def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, 
     error = drift = float("nan")
     walls = []
     try:
-        for _ in _frames(scene, sim, frames):
+        for _ in play(sim, Drag(scene.drag), frames):
             stretch = max(stretch, measure(sim).max_stretch)
             iterations += sim.iterations_used
             unconverged += sim.unconverged or 0
@@ -174,7 +163,7 @@ def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, 
         for _ in range(repeat):
             sim.reset()
             start = time.perf_counter()
-            for _ in _frames(scene, sim, frames):
+            for _ in play(sim, Drag(scene.drag), frames):
                 pass
             wp.synchronize_device(sim.model.device)
             walls.append(1e3 * (time.perf_counter() - start) / SECONDS)

@@ -37,6 +37,10 @@ def _help(name: str) -> str:
     return " ".join(found[1].rstrip(":").split())
 
 
+OF_ONE_WORD = (int, float, str, int | None, float | None)
+OF_PYTHON = ("dt", "stiffness")
+"""Settings that the command line says otherwise: --fps, and scenes by their own stiffness."""
+
 SETTINGS = {
     "fps": Annotated[float | None, typer.Option(help="Frames a second.")],
     "method": Annotated[str | None, typer.Option(help=f"How constraints are projected: {', '.join(METHODS)}.")],
@@ -45,7 +49,7 @@ SETTINGS = {
 } | {
     name: Annotated[hint | None, typer.Option(help=_help(name))]
     for name, hint in get_type_hints(Settings).items()
-    if name in ("substeps", "integrator", "damping", "max_contacts", "depenetration_speed", "on_failure")
+    if hint in OF_ONE_WORD and name not in OF_PYTHON
 }
 """By name of the option: what may be said of the settings of a scene."""
 

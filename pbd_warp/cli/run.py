@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from pbd_warp import check
-from pbd_warp.accuracy.chart import Row, best_error, flags, load
+from pbd_warp.accuracy.chart import CONFIGURATION, Row, best_error, flags, load
 from pbd_warp.accuracy.chart import pick as pick_row
 from pbd_warp.accuracy.sweep import charts_folder
 from pbd_warp.cli.app import app
@@ -32,7 +32,6 @@ from pbd_warp.errors import InputError
 from pbd_warp.grab.recording import Recording
 from pbd_warp.run import Checkpoints, Hooks, RunStats, run
 from pbd_warp.scene import Scene
-from pbd_warp.step.methods import METHODS
 from pbd_warp.usd.writer import check_path
 
 
@@ -65,14 +64,11 @@ def run_scene(
     with one_sentence(debug):
         built = scene_with(scene, changes, seed, set_, frames)
         if accuracy is not None:
-            if changes.keys() & {"method", "iterations", "substeps", "integrator"} or dtype is not None:
-                raise InputError(
-                    "--accuracy chooses method, iterations, substeps, integrator and dtype: leave those out"
-                )
+            if changes.keys() & set(CONFIGURATION) or dtype is not None:
+                raise InputError(f"--accuracy chooses {', '.join(CONFIGURATION)}: leave those out")
             row = _pick_for(built, accuracy)
             dtype = row.dtype
-            method = METHODS[row.method](iterations=row.iterations)
-            built = built.changed(method=method, integrator=row.integrator, substeps=row.substeps)
+            built = built.changed(settings=row.apply(built.settings))
             typer.echo(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
         recording = None
         if drags is not None:

@@ -28,7 +28,7 @@ GRAVITY = 9.81
 """[m/s^2]"""
 
 TAUT = 1e-3
-"""A rope with less slack than this part of its length hangs by forces that grow without bounds as it goes to 0."""
+"""A rope with less slack than this fraction of its length hangs by forces that grow without bounds as it goes to 0."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _add_ropes(builder: ModelBuilder, curves: Curves, origin: np.ndarray, device
             "(of those simulated): take one of the two points away"
         )
     added = builder.add_particles(x, mass=_masses(curves, edges, length), radius=0.5 * curves.width)
-    builder.add_distances((edges + added.start).astype(np.int32), length, compliance=curves.material.compliance)
+    builder.add_distances((edges + added.start).astype(np.int32), length, compliance=curves.material.compliance or 0.0)
 
 
 def _masses(curves: Curves, edges: np.ndarray, length: np.ndarray) -> np.ndarray:

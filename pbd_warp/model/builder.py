@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
 from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
@@ -27,7 +27,7 @@ class ModelBuilder:
         gravity: Acceleration of all free particles [m/s^2].
     """
 
-    def __init__(self, gravity: Any = (0.0, -9.81, 0.0)):
+    def __init__(self, gravity: ArrayLike = (0.0, -9.81, 0.0)):
         self.gravity = check.vector("gravity", gravity)
         self.particle_count = 0
         self._particles: list[tuple[np.ndarray, ...]] = []  # x, v, w, radius
@@ -37,11 +37,21 @@ class ModelBuilder:
         self._ropes: list[np.ndarray] = []
         self._contacts: Contacts | None = None
 
-    def add_particle(self, position: Any, velocity: Any = (0, 0, 0), mass: float = 1.0, radius: float = 0.0) -> int:
+    def __repr__(self) -> str:
+        counts = {"particles": self._particles, "distances": self._distances, "points": self._points}
+        each = {name: sum(len(rows[0]) for rows in chunks) for name, chunks in counts.items()}
+        each["colliders"] = len(self._colliders)
+        return f"ModelBuilder({', '.join(f'{count} {name}' for name, count in each.items() if count) or 'empty'})"
+
+    def add_particle(
+        self, position: ArrayLike, velocity: ArrayLike = (0, 0, 0), mass: float = 1.0, radius: float = 0.0
+    ) -> int:
         """Add one particle and return its index. Mass 0 [kg] means fixed."""
         return self.add_particles([check.vector("position", position)], velocity, mass, radius)[0]
 
-    def add_particles(self, positions: Any, velocity: Any = (0, 0, 0), mass: Any = 1.0, radius: Any = 0.0) -> range:
+    def add_particles(
+        self, positions: ArrayLike, velocity: ArrayLike = (0, 0, 0), mass: ArrayLike = 1.0, radius: ArrayLike = 0.0
+    ) -> range:
         """Add particles and return the range of their indices.
 
         Args:
@@ -71,7 +81,13 @@ class ModelBuilder:
         """Hold two particles at a distance [m]; None: the one they have now. compliance in m/N."""
         self.add_distances([(i, j)], rest_length, stiffness, compliance)
 
-    def add_distances(self, edges: Any, rest_length: Any = None, stiffness: Any = 1.0, compliance: Any = 0.0) -> None:
+    def add_distances(
+        self,
+        edges: ArrayLike,
+        rest_length: ArrayLike | None = None,
+        stiffness: ArrayLike = 1.0,
+        compliance: ArrayLike = 0.0,
+    ) -> None:
         """Hold many pairs, shape [m, 2]; the other values one for all or one each."""
         edge = check.indices("edge", edges, self.particle_count)
         if edge.size == 0:
@@ -90,7 +106,9 @@ class ModelBuilder:
         rest = check.spread("rest_length", rest_length, m, low=0.0)
         self._distances.append((edge, rest, *self._softness("a distance", stiffness, compliance, m)))
 
-    def add_point(self, i: int, target: Any = None, stiffness: float = 1.0, compliance: float = 0.0) -> None:
+    def add_point(
+        self, i: int, target: ArrayLike | None = None, stiffness: float = 1.0, compliance: float = 0.0
+    ) -> None:
         """Lock a particle to a coordinate [m]; None: where it is now. compliance in m/N."""
         particle = check.indices("point", [i], self.particle_count)
         target = self._positions()[particle] if target is None else check.vectors("target", [target])
@@ -98,12 +116,12 @@ class ModelBuilder:
 
     def add_rope(
         self,
-        positions: Any,
-        mass: Any = 1.0,
+        positions: ArrayLike,
+        mass: ArrayLike = 1.0,
         pinned: Sequence[int] = (0,),
-        radius: Any = 0.0,
-        compliance: Any = 0.0,
-        stiffness: Any = 1.0,
+        radius: ArrayLike = 0.0,
+        compliance: ArrayLike = 0.0,
+        stiffness: ArrayLike = 1.0,
     ) -> range:
         """Add a chain of particles joined by distances, and return their indices.
 
@@ -115,6 +133,7 @@ class ModelBuilder:
             compliance: Of each link [m/N].
             stiffness: Of each link, 0..1.
         """
+        positions = check.vectors("positions", positions)
         n = len(positions)
         if n < 2:
             raise InputError(f"a rope needs at least 2 particles, not {n}")
@@ -125,13 +144,13 @@ class ModelBuilder:
 
     def add_graph(
         self,
-        positions: Any,
-        edges: Any,
-        mass: Any = 1.0,
+        positions: ArrayLike,
+        edges: ArrayLike,
+        mass: ArrayLike = 1.0,
         pinned: Sequence[int] = (),
-        radius: Any = 0.0,
-        compliance: Any = 0.0,
-        stiffness: Any = 1.0,
+        radius: ArrayLike = 0.0,
+        compliance: ArrayLike = 0.0,
+        stiffness: ArrayLike = 1.0,
     ) -> range:
         """Add any graph of particles, joined by distances as long as they are now, and return their indices.
 
@@ -156,7 +175,7 @@ class ModelBuilder:
         self.add_distances(edge + np.int32(added.start), stiffness=stiffness, compliance=compliance)
         return added
 
-    def add_plane(self, point: Any, normal: Any, friction: float = 0.0, restitution: float = 0.0) -> None:
+    def add_plane(self, point: ArrayLike, normal: ArrayLike, friction: float = 0.0, restitution: float = 0.0) -> None:
         """Add a fixed plane through `point` [m]; particles stay on the side that `normal` points to."""
         n = check.vector("normal", normal)
         length = np.linalg.norm(n)
@@ -164,7 +183,7 @@ class ModelBuilder:
             raise InputError("normal must not be (0, 0, 0): it says which side of the plane is free")
         self._add_collider(PLANE, check.vector("point", point), n / length, 0.0, friction, restitution)
 
-    def add_sphere(self, centre: Any, radius: float, friction: float = 0.0, restitution: float = 0.0) -> None:
+    def add_sphere(self, centre: ArrayLike, radius: float, friction: float = 0.0, restitution: float = 0.0) -> None:
         """Add a fixed sphere [m]; particles stay outside."""
         radius = check.number("radius", radius, above=0.0)
         self._add_collider(SPHERE, check.vector("centre", centre), np.zeros(3), radius, friction, restitution)
@@ -178,7 +197,7 @@ class ModelBuilder:
             check.number("friction", friction, low=0.0), check.number("restitution", restitution, low=0.0, high=1.0)
         )
 
-    def finalize(self, device: Any = None, dtype: str = "float32") -> Model:
+    def finalize(self, device: str | wp.Device | None = None, dtype: str = "float32") -> Model:
         """Make a Model.
 
         Args:
@@ -216,7 +235,9 @@ class ModelBuilder:
     def _positions(self) -> np.ndarray:
         return np.concatenate([x for x, *_ in self._particles])
 
-    def _softness(self, what: str, stiffness: Any, compliance: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
+    def _softness(
+        self, what: str, stiffness: ArrayLike, compliance: ArrayLike, n: int
+    ) -> tuple[np.ndarray, np.ndarray]:
         k = check.spread("stiffness", stiffness, n, low=0.0, high=1.0)
         a = check.spread("compliance", compliance, n, low=0.0)
         check_softness(what, k, a)
@@ -256,7 +277,7 @@ def components(edge: np.ndarray, particle_count: int) -> np.ndarray:
         label = new
 
 
-def find_device(device: Any) -> wp.Device:
+def find_device(device: str | wp.Device | None) -> wp.Device:
     """The Warp device of that name, or an InputError that lists those there are."""
     if device is None:
         return wp.get_preferred_device()

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pbd_warp.errors import SimulationFailed
+from pbd_warp.grab.controller import play
 from pbd_warp.grab.drag import Drag
 from pbd_warp.measure import measure
 from pbd_warp.model.model import Model
@@ -21,7 +22,7 @@ EARTH = 9.81
 """Weighs what has no gravity, so that energies can be compared [m/s^2]."""
 
 VIOLATED = 1e-5
-"""A scene starts with an error if one is larger than this part of its size; float32 rounds by less."""
+"""A scene starts with an error if one is larger than this fraction of its size; float32 rounds by less."""
 
 
 def run_scene(
@@ -44,14 +45,11 @@ def run_scene(
     model = scene.builder.finalize(dtype=dtype)
     # As far as it goes: nothing is rescued, and a cell is judged by its own thresholds.
     sim = Simulation(model, scene.settings, on_failure="continue", limits=Limits(stretch=None))
-    drag = Drag(scene.drag)
     measures = [measure(sim)]
     missed = stopped = False
     with np.errstate(all="ignore"):  # what flies apart overflows
         try:
-            for _ in range(scene.frames):
-                drag.advance(sim)
-                sim.step()
+            for _ in play(sim, Drag(scene.drag), scene.frames):
                 measures.append(measure(sim))
                 missed = missed or (in_line and _have_passed(model, sim))
         except SimulationFailed:

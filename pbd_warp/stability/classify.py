@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-STRETCHED = 0.1
-"""A link further off its length, or two discs deeper inside each other, than this part of it."""
+from pbd_warp.step.divergence import STRETCHED
 
 GAINED = 0.1
 """Energy gained, over what the scene has to spend: its kinetic energy at the start, and its weight (with 9.81 m/s^2

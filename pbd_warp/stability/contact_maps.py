@@ -9,8 +9,9 @@ import numpy as np
 from pbd_warp.simulation import Simulation
 from pbd_warp.stability import theory
 from pbd_warp.stability.cell import run_scene, study
-from pbd_warp.stability.classify import STRETCHED, Figures
+from pbd_warp.stability.classify import Figures
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
+from pbd_warp.step.divergence import STRETCHED
 from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
 
 DIAMETER = 0.1

@@ -145,20 +145,20 @@ SWEEP_NUMBER = Map(
 )
 
 
-def _hanging(method: str, substeps: bool) -> Boundary:
+def _hanging(method: str, steps: bool) -> Boundary:
     @cache
     def needed(links: float) -> float:
-        return theory.sweeps_for(theory.equal_masses(links), 1.0 / 60.0, method, substeps=substeps)
+        return theory.sweeps_for(theory.equal_masses(links), 1.0 / 60.0, method, steps=steps)
 
     return Boundary(needed, "sag of 10 %, from the sweep's matrix", fails="below")
 
 
-def _budget(scene: Callable[[float], Scene], method: type, substeps: bool) -> Callable[[float, float], Figures]:
+def _budget(scene: Callable[[float], Scene], method: type, steps: bool) -> Callable[[float, float], Figures]:
     """A cell: a scene made from x, y sweeps a frame, either in one step or in so many."""
 
     def cell(x: float, y: float) -> Figures:
-        made = method(1 if substeps else int(y))
-        return run_scene(scene(x).changed(method=made, integrator="pbd", substeps=int(y) if substeps else 1))
+        made = method(1 if steps else int(y))
+        return run_scene(scene(x).changed(method=made, integrator="pbd", substeps=int(y) if steps else 1))
 
     return cell
 
@@ -171,10 +171,10 @@ def _bob(ratio: float) -> Scene:
     return study("heavy_bob", ratio=ratio, links=20).changed(frames=60)
 
 
-def _swinging(method: str, substeps: bool) -> Boundary:
+def _swinging(method: str, steps: bool) -> Boundary:
     @cache
     def needed(ratio: float) -> float:
-        return theory.sweeps_for(theory.heavy_bob(ratio, 20), 1.0 / 60.0, method, 3.0, substeps)
+        return theory.sweeps_for(theory.heavy_bob(ratio, 20), 1.0 / 60.0, method, 3.0, steps)
 
     return Boundary(needed, "sag of 10 % at 3 times the weight", fails="below")
 

@@ -20,7 +20,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pbd_warp.stability.classify import GAINED, STRETCHED
+from pbd_warp.stability.classify import GAINED
+from pbd_warp.step.divergence import STRETCHED
 
 GRAVITY = 9.81  # m/s^2
 DIRECTIONS = {"planar": 2, "space": 3, "line": 1}
@@ -87,11 +88,11 @@ def sag(
     return float(np.max(error) / (length / links))
 
 
-def sweeps_for(inverse_mass: np.ndarray, frame: float, method: str, load: float = 1.0, substeps: bool = False) -> float:
+def sweeps_for(inverse_mass: np.ndarray, frame: float, method: str, load: float = 1.0, steps: bool = False) -> float:
     """Sweeps a frame that keep the stretch of `sag` at the atlas's limit: iterations of a step, or steps of one."""
 
     def stretch(sweeps: int) -> float:
-        if substeps:
+        if steps:
             return sag(inverse_mass, 1, frame / sweeps, method, load)
         return sag(inverse_mass, sweeps, frame, method, load)
 

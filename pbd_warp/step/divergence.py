@@ -11,6 +11,10 @@ from pbd_warp import check
 from pbd_warp.kernels.divergence import CHUNK, check_energy, check_stretch, sum_energy
 from pbd_warp.step.context import NOTHING, Context
 
+STRETCHED = 0.1
+"""A rigid link further off its length, or two particles deeper inside each other, than this fraction of it count as a
+failure of the method, whatever it says of itself: in charts, in the atlas and in preflight checks."""
+
 
 @dataclass(frozen=True)
 class Limits:

@@ -10,7 +10,10 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
+from pbd_warp import check
+from pbd_warp.errors import InputError
 from pbd_warp.kernels.kinematic import move_to_targets, stop
 from pbd_warp.step.context import Context
 
@@ -35,19 +38,23 @@ class KinematicParticles:
         self._fixed_path = _Moves(context)
 
     def grab(self, particle: int) -> None:
-        """It stays where it is until it is moved or let go of."""
+        """It stays where it is until it is moved or let go of; another one that is held is let go of."""
         context = self._context
+        check.indices("grab", [particle], context.model.particle_count)
+        self.release()
         one = slice(particle, particle + 1)
         context.w[one].zero_()
         context.state.v[one].zero_()
         # A copy: on the CPU what comes from the device is the live state itself.
         self.held_target = context.state.x[one].numpy()[0].astype(np.float64)
-        self.held = particle
+        self.held = int(particle)
 
-    def move_held(self, frame: int, position: np.ndarray) -> None:
+    def move_held(self, frame: int, position: ArrayLike) -> None:
         """Where the grabbed particle is at the end of a frame [m]."""
-        self.held_target = position
-        self._held_path.begin(frame, np.array([self.held]), position[None], self._dt)
+        if self.held is None:
+            raise InputError("move_to needs a grabbed particle: call grab(particle) first")
+        self.held_target = check.vector("position", position)
+        self._held_path.begin(frame, np.array([self.held]), self.held_target[None], self._dt)
 
     def release(self) -> None:
         """Let go. A free particle keeps the velocity that it was moved with; a fixed one stays where it is."""
@@ -62,10 +69,18 @@ class KinematicParticles:
         self._held_path.forget()
         self.held = None
 
-    def move_fixed(self, frame: int, particles: np.ndarray, positions: np.ndarray) -> None:
+    def move_fixed(self, frame: int, particles: ArrayLike, positions: ArrayLike) -> None:
         """Where fixed particles, int [n], are at the end of a frame [m], [n, 3]; others that were moving rest."""
+        model = self._context.model
+        index = np.atleast_1d(check.indices("lead", particles, model.particle_count))
+        target = check.vectors("positions", positions)
+        if len(target) != len(index):
+            raise InputError(f"lead needs a position for each of {len(index)} particles, not {len(target)}")
+        free = index[model.w[index] > 0.0]
+        if free.size:
+            raise InputError(f"lead takes fixed particles, but particle {free[0]} has mass: fix it (mass 0) or grab it")
         self._fixed_path.stop()
-        self._fixed_path.begin(frame, particles, positions, self._dt)
+        self._fixed_path.begin(frame, index, target, self._dt)
 
     def begin_frame(self, frame: int) -> None:
         """What is not moved in this frame rests."""

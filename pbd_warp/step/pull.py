@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 import warp as wp
+from numpy.typing import ArrayLike
 
+from pbd_warp import check
+from pbd_warp.errors import InputError
 from pbd_warp.kernels.pull import pull
 from pbd_warp.step.context import Context
 
@@ -55,9 +58,11 @@ class Pull:
         )
 
     def grab(self, particle: int) -> None:
-        """It is held where it is until it is moved or let go of."""
+        """It is held where it is until it is moved or let go of; another one that is held is let go of."""
         context = self._context
         model = context.model
+        check.indices("grab", [particle], model.particle_count)
+        self.release()
         one = slice(particle, particle + 1)
         mass = model.mass[model.component == model.component[particle]]
         mass = mass[mass > 0.0]
@@ -66,13 +71,15 @@ class Pull:
         self._strength.fill_(self._acceleration * (mass.sum() if mass.size else 1.0))
         self._steady.zero_()
         self._particle.fill_(particle)
-        self.held = particle
+        self.held = int(particle)
         self.move_held(0, context.state.x[one].numpy()[0].astype(np.float64))
 
-    def move_held(self, frame: int, position: np.ndarray) -> None:
+    def move_held(self, frame: int, position: ArrayLike) -> None:
         """Where the grabbed particle is pulled to [m], from now on."""
-        self.held_target = position
-        self._target.assign(position[None].astype(self._context.model.dtype))
+        if self.held is None:
+            raise InputError("move_to needs a grabbed particle: call grab(particle) first")
+        self.held_target = check.vector("position", position)
+        self._target.assign(self.held_target[None].astype(self._context.model.dtype))
 
     def release(self) -> None:
         """Let go. A free particle keeps its velocity; a fixed one stays where it is."""

@@ -44,7 +44,7 @@ class Direct:
 
     name: ClassVar[str] = "direct"
     remedy: ClassVar[str] = (
-        "a rope that is held further apart than its length has no solution for it: use 'jacobi' there, or a compliance"
+        "'jacobi' or a compliance where a rope is held further apart than its length: that has no solution"
     )
 
     iterations: int = 30

@@ -33,7 +33,7 @@ class GaussSeidel:
     """
 
     name: ClassVar[str] = "gauss-seidel"
-    remedy: ClassVar[str] = "try more substeps"
+    remedy: ClassVar[str] = ""
 
     iterations: int = 20
     tolerance: float | None = None

@@ -17,6 +17,7 @@ from pbd_warp.step.constraints.distance import Distances
 from pbd_warp.step.constraints.point import Points
 from pbd_warp.step.context import Context, Stage
 from pbd_warp.step.methods.iteration import Iterations, check_iterations
+from pbd_warp.step.methods.spectrum import JacobiSweep
 
 AVERAGINGS = ("mass-splitting", "valence", "none")
 
@@ -50,7 +51,7 @@ class Jacobi:
     """
 
     name: ClassVar[str] = "jacobi"
-    remedy: ClassVar[str] = "try more substeps, a smaller relaxation or averaging='mass-splitting'"
+    remedy: ClassVar[str] = "a smaller relaxation or averaging='mass-splitting'"
 
     iterations: int = 20
     relaxation: float = 1.0
@@ -158,35 +159,6 @@ def chebyshev_factors(rho: float, iterations: int) -> np.ndarray:
 
 
 def spectral_radius(model: Model, method: Jacobi) -> float:
-    """rho of one sweep over a model's constraints, linearised where it is: 1 - relaxation * lambda_min(D^-1 A).
-
-    A = J W J^T with J the gradients and W the inverse masses, D the sweep's denominators. By the symmetric form
-    D^-1/2 A D^-1/2 and inverse iteration, on the host.
-    """
-    try:
-        from scipy.sparse import coo_array, diags_array, eye_array
-        from scipy.sparse.linalg import eigsh
-    except ImportError:
-        raise InputError("chebyshev='auto' needs SciPy: pip install 'pbd-warp[chart]', or give rho itself") from None
-    edge, m = model.distance.edge, len(model.distance)
-    points = model.point.particle
-    d = model.x[edge[:, 0]] - model.x[edge[:, 1]]
-    length = np.linalg.norm(d, axis=1, keepdims=True)
-    d = np.divide(d, length, out=np.zeros_like(d), where=length > 0.0)
-    rows = np.concatenate([np.repeat(np.arange(m), 3)] * 2 + [m + np.arange(3 * len(points))])
-    axes = np.arange(3)
-    columns = np.concatenate([(3 * p[:, None] + axes).ravel() for p in (edge[:, 0], edge[:, 1], points)])
-    values = np.concatenate([d.ravel(), -d.ravel(), np.ones(3 * len(points))])
-    size = m + 3 * len(points)
-    jacobian = coo_array((values, (rows, columns)), shape=(size, 3 * model.particle_count)).tocsr()
-    share = method.valence(model) if method.averaging == "mass-splitting" else np.ones(model.particle_count)
-    weight = share * model.w
-    denominator = np.concatenate([weight[edge[:, 0]] + weight[edge[:, 1]], np.repeat(weight[points], 3)])
-    scale = diags_array(np.divide(1.0, np.sqrt(denominator), out=np.zeros(size), where=denominator > 0.0))
-    matrix = scale @ jacobian @ diags_array(np.repeat(model.w, 3)) @ jacobian.T @ scale
-    if size < 3:
-        lowest = np.linalg.eigvalsh(matrix.toarray())[0]
-    else:
-        # Shifted a little below 0: constraints that say the same twice make the matrix singular.
-        lowest = eigsh(matrix + 1e-12 * eye_array(size), k=1, sigma=0.0, which="LM", return_eigenvectors=False)[0]
+    """rho of one sweep over a model's constraints, linearised where it is: 1 - relaxation * lambda_min."""
+    lowest = JacobiSweep(model, method.averaging, method.valence(model)).smallest_eigenvalue()
     return float(np.clip(1.0 - method.relaxation * lowest, 1e-6, 1.0 - 1e-9))

@@ -81,7 +81,7 @@ export class Plot {
     const start = Math.max(0, end - SHOWN);
     const labels = y.ticks.map((tick) => plain(tick, y.step));
     const left = 8 + Math.max(...labels.map((text) => pen.measureText(text).width));
-    const [top, bottom, right] = [18, height - 16, width - 6];
+    const [top, bottom, right] = [24, height - 16, width - 6];
     const px = (time) => left + (right - left) * (time - start) / (end - start);
     const py = (value) => bottom - (bottom - top) * (value - y.low) / (y.high - y.low);
     pen.fillText(unit(names[0]), 0, 10);

@@ -29,7 +29,7 @@ vec3 lit(vec3 colour, vec3 normal, vec3 toEye) {
   float sky = 0.5 + 0.5 * dot(normal, up);
   float gloss = pow(max(dot(normal, normalize(light + toEye)), 0.0), 40.0);
   float rim = pow(1.0 - max(dot(normal, toEye), 0.0), 3.0);
-  return colour * (0.26 + 0.24 * sky + 0.64 * key) + 0.16 * gloss + 0.1 * rim * vec3(0.5, 0.65, 0.9);
+  return colour * (0.36 + 0.24 * sky + 0.52 * key) + 0.14 * gloss + 0.1 * rim * vec3(0.5, 0.65, 0.9);
 }
 `;
 

@@ -269,5 +269,6 @@ window.pbd = {
   get camera() { return camera; },
 };
 
+panel.fold(matchMedia("(max-width: 720px)").matches); // the picture first
 connect();
 requestAnimationFrame(animate);
