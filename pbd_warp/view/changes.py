@@ -1,19 +1,62 @@
-"""How a page changes settings."""
+"""Settings as pages see and change them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
-from pbd_warp.errors import InputError
+from pbd_warp import check
+from pbd_warp.errors import InputError, unknown
 from pbd_warp.grab.recording import interactive
+from pbd_warp.model.builder import DTYPES
 from pbd_warp.settings import Settings
 from pbd_warp.step.methods import Direct
+from pbd_warp.view import values
 
 GRAB_ACCELERATION = 100.0
 """Of a scene that has none [m/s^2]: ten times its weight. At twice as much the rope scene stretches by 2 %."""
 
+MOST_GRAVITY = 1000.0  # m/s^2
+MOST_PULL = 1e6  # m/s^2
+
 MOST_SWEEPS = 8192
 """Substeps times iterations. Above, a change of settings takes seconds: a frame is captured launch by launch."""
+
+
+def _pull(name: str, value: Any) -> float | None:
+    return None if value is None else check.number(name, values.number(name, value), above=0.0, high=MOST_PULL)
+
+
+CHANGES: dict[str, Callable[[str, Any], Any]] = {
+    "method": values.text,
+    "integrator": values.text,
+    "substeps": values.up_to(512),
+    "iterations": values.up_to(512),
+    "damping": values.fraction,
+    "stiffness": values.fraction,
+    "gravity": lambda name, value: values.vector(name, value, MOST_GRAVITY),
+    "grab_acceleration": _pull,
+    "on_failure": values.text,
+    "max_contacts": values.up_to(1_000_000),
+    "dtype": values.one_of(tuple(DTYPES)),
+}
+"""What a page may change, and how it is checked: settings, options of the method, and the precision."""
+
+
+def parse_changes(changes: Any) -> dict[str, Any]:
+    """Changes that a page asks for; an InputError for what is none."""
+    if not isinstance(changes, dict):
+        raise InputError(f"changes must be an object with some of {', '.join(CHANGES)}")
+    for name in changes:
+        if name not in CHANGES:
+            raise unknown("setting", name, CHANGES)
+    return {name: CHANGES[name](name, value) for name, value in changes.items()}
+
+
+def in_force(settings: Settings) -> dict[str, Any]:
+    """The values of settings by the names under which they are changed."""
+    method = settings.method
+    return {**vars(settings), "method": method.name, "iterations": method.iterations}
 
 
 def pulling(settings: Settings) -> Settings:

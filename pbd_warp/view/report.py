@@ -13,6 +13,7 @@ from pbd_warp.scene import scene_parameters, scene_summary, scene_text
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.integrators import INTEGRATORS
 from pbd_warp.step.methods import METHODS
+from pbd_warp.view.changes import CHANGES, in_force
 from pbd_warp.view.remedies import remedies
 from pbd_warp.view.session import Session
 from pbd_warp.view.surroundings import describe
@@ -67,7 +68,7 @@ def status(session: Session) -> dict[str, Any]:
         "kept": session.kept,
         "paused": session.paused,
         "failure": session.failure,
-        "remedies": remedies(session.failure or "", settings),
+        "remedies": remedies(session.failure or "", settings, session.dtype),
         "warnings": _warnings(sim),
         "ms": 1e3 * session.seconds,
         "max_stretch": _finite(now.max_stretch),
@@ -78,14 +79,9 @@ def status(session: Session) -> dict[str, Any]:
         "iterations": sim.iterations_used if decides else None,
         "unconverged": sim.unconverged if decides else None,
         "settings": {
-            "method": settings.method.name,
-            "iterations": settings.method.iterations,
-            "integrator": settings.integrator,
-            "substeps": settings.substeps,
-            "damping": settings.damping,
+            **{name: value for name, value in in_force(settings).items() if name in CHANGES},
             "stiffness": _stiffness(sim),
             "gravity": sim.model.gravity.tolist(),
-            "grab_acceleration": settings.grab_acceleration,
             "dtype": session.dtype,
         },
         "cost": _cost(sim),
@@ -106,7 +102,7 @@ def _cost(sim: Simulation) -> str:
 
 @lru_cache(maxsize=1)
 def _warnings(sim: Simulation) -> list[dict[str, Any]]:
-    return [{"text": str(one), "remedies": remedies(one.remedy, sim.settings)} for one in sim.check()]
+    return [{"text": str(one), "remedies": remedies(one.remedy, sim.settings, sim.model.dtype)} for one in sim.check()]
 
 
 def _stiffness(sim: Simulation) -> float | None:

@@ -52,7 +52,7 @@ def take_turn(
                 session.do(who, message)
         except InputError as error:
             wanted = message.changes if isinstance(message, say.Change) else None
-            refused.append((who, str(error), remedies(str(error), session.settings, wanted)))
+            refused.append((who, str(error), remedies(str(error), session.settings, session.dtype, wanted)))
         except Exception as error:  # a mistake of ours, or a device out of memory: pages live on
             traceback.print_exc()
             refused.append((who, f"{type(error).__name__}: {error}", []))

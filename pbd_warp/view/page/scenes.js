@@ -53,8 +53,8 @@ export class SceneDialog {
 
 // A link that opens this scene with these settings.
 export function linkTo({ scene, parameters }, { settings }) {
-  const { stiffness, ...known } = settings;
-  const changes = { ...known, ...(stiffness === null ? {} : { stiffness }) };
+  // null is what the scene has, but for a grab: exact.
+  const changes = Object.fromEntries(Object.entries(settings).filter(([name, value]) => value !== null || name === "grab_acceleration"));
   const url = new URL(location.href);
   url.hash = new URLSearchParams({ open: JSON.stringify({ scene, parameters, changes }) });
   return url.href;
