@@ -26,6 +26,11 @@ def position(session, particle):
     return session.positions()[particle].astype(np.float64)
 
 
+def off(place, x, y):
+    """A place beside another one, in the picture's plane."""
+    return np.add(place, (x, y, 0.0))
+
+
 def move(session, place, who=1):
     session.do(who, say.Move(tuple(map(float, place))))
 
