@@ -8,7 +8,6 @@ from typing import Any
 import warp as wp
 
 from pbd_warp.failure import Failure
-from pbd_warp.kernel_cache import load_module
 from pbd_warp.model.model import Model, State
 from pbd_warp.settings import Settings
 from pbd_warp.step.constraints.contact import ContactConstraints
@@ -17,7 +16,9 @@ from pbd_warp.step.damping import Damper
 from pbd_warp.step.divergence import DivergenceMonitor
 from pbd_warp.step.integrators import DOP853, EXPLICIT, INTEGRATORS, Integrator
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
+from pbd_warp.step.loading import load_modules
 from pbd_warp.step.methods import Direct
+from pbd_warp.step.pull import Pull
 
 
 class Loop:
@@ -46,11 +47,14 @@ class Loop:
         self.explicit: DOP853 | None = None
         self.integrator: Integrator | None = None
         self.solver: Any = None
+        self.pull: Pull | None = None
         if name in EXPLICIT:
             self.explicit = EXPLICIT[name](context, settings.dt, settings.error if settings.auto else None)
         else:
             self.integrator = INTEGRATORS[name](context, damped=self.damper is not None)
             self.solver = settings.method.bind(context, self.contacts)
+            if settings.grab_acceleration is not None:
+                self.pull = Pull(context, settings.grab_acceleration, settings.grab_speed)
         self.monitor = DivergenceMonitor(context, settings.limits)
         self.start: State | None = None
         if settings.on_failure in ("subdivide", "fallback"):
@@ -86,6 +90,8 @@ class Loop:
             self.explicit.make_frame()
             return
         assert self.integrator
+        if self.pull:
+            self.pull.launch()
         for stage in self.integrator.stages:
             self._run_stage(stage)
 
@@ -160,8 +166,7 @@ class Loop:
             self.run_step()
             self.monitor.launch()
         start = time.perf_counter()
-        for module in {kernel.module.name for _, kernel in trace if kernel}:
-            load_module(module, self.context.model.device)
+        load_modules({kernel.module.name for _, kernel in trace if kernel}, self.context.model.device)
         return time.perf_counter() - start
 
     def _capture(self) -> wp.Graph:

@@ -22,6 +22,7 @@ class Measures:
     stretched: Distances without compliance that are off by more than STRETCHED of their length (step/divergence.py).
     overlap: Deepest overlap of two particles in contact, or of a particle and a collider [m].
     energy: Kinetic, in gravity (0 at the origin's height) and in compliant constraints [J].
+    kinetic: The first of these [J].
     momentum [kg m/s], angular_momentum about the origin [kg m^2/s]: of all free particles, shape [3].
     forces: Tensions, reactions and contact forces of the last step; None where the method does not keep them.
     """
@@ -31,6 +32,7 @@ class Measures:
     stretched: int
     overlap: float
     energy: float
+    kinetic: float
     momentum: np.ndarray
     angular_momentum: np.ndarray
     forces: Forces | None
@@ -55,12 +57,14 @@ def _measure(sim: Simulation) -> Measures:
     stretch = c[rated] / edges.rest_length[rated]
     overlap = max(_pair_overlap(sim, x), _collider_overlap(sim, x))
     elastic = _elastic(c, edges.compliance) + _elastic(c_point, points.compliance)
+    kinetic = float(0.5 * m @ np.sum(v * v, axis=1))
     return Measures(
         residual=max(_largest(c[edges.compliance == 0.0]), _largest(c_point[points.compliance == 0.0]), overlap),
         max_stretch=_largest(stretch),
         stretched=int(np.count_nonzero(~(np.abs(stretch[edges.compliance[rated] == 0.0]) <= STRETCHED))),
         overlap=overlap,
-        energy=float(0.5 * m @ np.sum(v * v, axis=1) - m @ (x @ model.gravity)) + elastic,
+        energy=kinetic - float(m @ (x @ model.gravity)) + elastic,
+        kinetic=kinetic,
         momentum=m @ v,
         angular_momentum=m @ np.cross(x, v),
         forces=sim.forces if sim.settings.method.keeps_forces else None,

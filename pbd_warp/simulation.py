@@ -21,9 +21,9 @@ from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
 from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
 from pbd_warp.settings import Settings
-from pbd_warp.step.kinematic import KinematicParticles
 from pbd_warp.step.launch import not_while_recording
 from pbd_warp.step.methods.direct import DirectSolver
+from pbd_warp.step.moved import MovedParticles
 
 
 @not_while_recording("__init__", "reset", "restore", "continue_with", "grab", "move_to", "release", "lead", "_retry")
@@ -57,7 +57,7 @@ class Simulation(BuiltForSettings):
         self.retried = 0
         self._loop = Loop(model, settings)
         self._context = self._loop.context
-        self._kinematic = KinematicParticles(self._context, settings.dt)
+        self._moved = MovedParticles(self._context, settings.dt, self._loop.pull)
         self.state = self._context.state
         self._spares: dict[str, Simulation] = {}
 
@@ -68,7 +68,7 @@ class Simulation(BuiltForSettings):
             SimulationFailed: the frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
                 were more contacts than room for them.
         """
-        self._kinematic.begin_frame(self.frame)
+        self._moved.begin_frame(self.frame)
         self._loop.make_frame()
         self.frame += 1
         failure = self._loop.find_failure()
@@ -84,7 +84,7 @@ class Simulation(BuiltForSettings):
 
     def reset(self) -> None:
         """Back to the initial state: what comes then is what came the first time."""
-        self._kinematic.reset()
+        self._moved.reset()
         self.state.x.assign(self.model.x)
         self.state.v.assign(self.model.v)
         if self.point_target is not None:
@@ -107,7 +107,7 @@ class Simulation(BuiltForSettings):
     def save(self, path: str | Path, extra: Mapping[str, Any] | None = None) -> None:
         """Write a checkpoint; see `Checkpoint.write`. extra: What the caller wants to find there again, as JSON."""
         arrays = {name: array.numpy() for name, array in self._context.arrays.items()}
-        progress = {"frame": self.frame, "retried": self.retried, "kinematic": self._kinematic.memory}
+        progress = {"frame": self.frame, "retried": self.retried, "moved": self._moved.memory}
         Checkpoint(self._given_model, self.settings, progress, arrays, dict(extra or {})).write(path)
 
     @classmethod
@@ -235,27 +235,28 @@ class Simulation(BuiltForSettings):
     @property
     def held(self) -> int | None:
         """The grabbed particle, None for none."""
-        return self._kinematic.held
+        return self._moved.held
 
     @property
     def held_target(self) -> np.ndarray | None:
         """Where the grabbed particle is led to [m], float64 [3]; None without one."""
-        return None if self.held is None else self._kinematic.held_target.copy()
+        return self._moved.held_target
 
     def grab(self, particle: int) -> None:
-        """Take hold of a particle: it stays where it is, whatever pulls at it, until `move_to` or `release`."""
-        self._kinematic.grab(particle)
+        """Take hold of a particle: it stays where it is until `move_to` or `release`, whatever pulls at it; with
+        `grab_acceleration`, unless that is stronger."""
+        self._moved.grab(particle)
         self._loop.forget_steps()
 
     def move_to(self, position: ArrayLike) -> None:
         """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over its steps, to
-        round-off."""
-        self._kinematic.move_held(self.frame, position)
+        round-off. With `grab_acceleration`: where it is pulled to."""
+        self._moved.move_held(self.frame, position)
 
     def release(self) -> None:
         """Let go. A free particle keeps the velocity it was moved with; a fixed one stays where it is."""
         if self.held is not None:
-            self._kinematic.release()
+            self._moved.release()
             self._loop.forget_steps()
 
     def lead(self, particles: ArrayLike, positions: ArrayLike) -> None:
@@ -269,7 +270,7 @@ class Simulation(BuiltForSettings):
         Raises:
             InputError: a particle that is not fixed (grab those), or not as many positions as particles.
         """
-        self._kinematic.move_fixed(self.frame, particles, positions)
+        self._moved.move_fixed(self.frame, particles, positions)
 
     def __repr__(self) -> str:
         return f"Simulation({self.model!r}, frame {self.frame} of {self.dt:g} s, {self.settings})"
@@ -305,19 +306,18 @@ class Simulation(BuiltForSettings):
             wp.copy(mine.point_target, theirs.point_target)
         if self._loop.counters is not None and other._loop.counters is not None:
             wp.copy(self._loop.counters, other._loop.counters)
-        self._kinematic.restore(other._kinematic.memory)
+        self._moved.take_over(other._moved)
         self.frame = other.frame
         self._loop.restart()
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
-        memory = self._kinematic.checked(checkpoint.progress["kinematic"])
+        memory = self._moved.checked(checkpoint.progress.get("moved"))
         checkpoint.fill(self._context.arrays, self._context.fixed, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
-        self._kinematic.restore(memory)
+        self._moved.restore(memory)
 
     def _snapshot(self) -> Snapshot:
         x, v, w = (array.numpy().astype(np.float64) for array in (self.state.x, self.state.v, self._context.w))
-        if self.held is not None:
-            x[self.held] = self._kinematic.held_target
+        self._moved.where_held(x)
         target = np.zeros((0, 3)) if self.point_target is None else self.point_target.numpy().astype(np.float64)
         return Snapshot(self.model, self.settings, x, v, w, target)
