@@ -155,7 +155,6 @@ def test_holding_goes_on_when_it_becomes_exact_and_back():
         ("rope", {"integrator": "bdf2"}, "does not model damping"),
         ("rope", {"method": "direct", "stiffness": 0.5}, "stiffness below 1"),
         ("oscillator", {"stiffness": 0.5}, "one of the two"),
-        ("collision", {"method": "direct"}, "direct"),
         ("rope", {"method": "newton"}, "unknown method"),
         ("rope", {"integrator": "euler"}, "unknown integrator"),
         ("rope", {"substeps": 400, "iterations": 400}, "too much for a live view"),
