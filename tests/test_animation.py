@@ -299,6 +299,16 @@ def test_a_folder_that_is_moved_away_is_noticed(tmp_path, moved):
         assert_holds(tmp_path / "elsewhere" / "a.partial.usdc", CHUNK)
 
 
+@pytest.mark.parametrize("frames", [3, CHUNK])
+def test_a_folder_that_is_moved_away_before_anything_is_written(tmp_path, frames):
+    (tmp_path / "out").mkdir()
+    animation = write(animate(tmp_path / "out" / "a.usdc"), 1)
+    os.rename(tmp_path / "out", tmp_path / "elsewhere")
+    with pytest.raises(pbd.SimulationFailed, match="was moved or removed during the run"), animation:
+        write(animation, frames)
+    assert names(tmp_path) == ["elsewhere"]
+
+
 @pytest.mark.skipif(os.name == "nt", reason="links need a privilege")
 def test_what_a_link_leads_to_is_written(tmp_path):
     (tmp_path / "store").mkdir()
