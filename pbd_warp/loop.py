@@ -42,7 +42,7 @@ class Loop:
         self.contacts = None
         if model.collides:
             self.contacts = ContactConstraints(context, settings.method.valence(model), settings.max_contacts)
-        self.damper = Damper(context, settings.damping, settings.whole_substeps) if settings.damping > 0.0 else None
+        self.damper = Damper(context, settings.damping, settings.steps_a_frame) if settings.damping > 0.0 else None
         self.explicit: DOP853 | None = None
         self.integrator: Integrator | None = None
         self.solver: Any = None
@@ -76,7 +76,7 @@ class Loop:
             context.launch.copy(self.start.v, context.state.v)
         if self.counters is not None:
             context.launch.zero(self.counters)
-        for _ in range(1 if self.explicit else self._settings.whole_substeps):
+        for _ in range(1 if self.explicit else self._settings.steps_a_frame):
             self.run_step()
         self.monitor.launch()
 
@@ -129,12 +129,12 @@ class Loop:
             return int(self.counters.numpy()[0])
         if self.integrator is None:
             return 0
-        return self._settings.method.iterations * self._settings.whole_substeps * len(self.integrator.stages)
+        return self._settings.method.iterations * self._settings.steps_a_frame * len(self.integrator.stages)
 
     @property
     def steps_used(self) -> int:
         """Steps of the last frame, of the piece that took most."""
-        return int(self.explicit.steps_used.max()) if self.explicit else self._settings.whole_substeps
+        return int(self.explicit.steps_used.max()) if self.explicit else self._settings.steps_a_frame
 
     @property
     def counters(self) -> wp.array | None:

@@ -124,7 +124,7 @@ class Settings:
         return self.substeps == AUTO
 
     @property
-    def whole_substeps(self) -> int:
+    def steps_a_frame(self) -> int:
         """Steps in a frame; 1, the least, where they are "auto"."""
         return 1 if isinstance(self.substeps, str) else self.substeps
 
@@ -136,7 +136,7 @@ class Settings:
     @property
     def step_dt(self) -> float:
         """Length of a step [s], the longest where they are "auto"."""
-        return self.dt / self.whole_substeps
+        return self.dt / self.steps_a_frame
 
     def changed(self, **changes: Any) -> Settings:
         """These settings with others in their place. What another integrator does not take is left out unless it is

@@ -248,7 +248,7 @@ class Simulation(BuiltForSettings):
         self._loop.forget_steps()
 
     def move_to(self, position: ArrayLike) -> None:
-        """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over the substeps, to
+        """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over its steps, to
         round-off."""
         self._kinematic.move_held(self.frame, position)
 
@@ -259,7 +259,7 @@ class Simulation(BuiltForSettings):
             self._loop.forget_steps()
 
     def lead(self, particles: ArrayLike, positions: ArrayLike) -> None:
-        """Where fixed particles are at the end of the next frame; they get there evenly over the substeps, to
+        """Where fixed particles are at the end of the next frame; they get there evenly over its steps, to
         round-off, and rest there unless they are led on.
 
         Args:
