@@ -220,7 +220,7 @@ def test_only_files_of_the_same_run_are_gone_on_from(tmp_path):
     path = tmp_path / "a.usdc"
     mine, other = (Identity("model", settings, "drags", "") for settings in ("mine", "other"))
     write(animate(path, identity=other), 3 * CHUNK, lambda frame: 2.0 * frame)  # killed, another motion
-    message = r"a\.partial\.usdc is of another run, whose settings differ"
+    message = r"a\.partial\.usdc is of another run, as it differs in settings"
     with pytest.raises(pbd.InputError, match=message):
         animate(path, resume=2, identity=mine)
     write(animate(path, identity=mine), 3).close()
