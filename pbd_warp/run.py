@@ -208,6 +208,7 @@ def _make_frames(
         constraints=sim.model.constraint_count,
         out=str(out),
         unconverged=progress.unconverged,
+        stretched_frames=progress.stretched_frames,
         retried=sim.retried,
     )
 
