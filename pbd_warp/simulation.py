@@ -16,6 +16,7 @@ from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.failure import describe
 from pbd_warp.forces import Forces, constraint_forces
+from pbd_warp.inspected import Inspected
 from pbd_warp.loop import Loop
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
@@ -27,7 +28,7 @@ from pbd_warp.step.moved import MovedParticles
 
 
 @not_while_recording("__init__", "reset", "restore", "continue_with", "grab", "move_to", "release", "lead", "_retry")
-class Simulation(BuiltForSettings):
+class Simulation(BuiltForSettings, Inspected):
     """Runs a model, frame by frame.
 
     Args:
@@ -148,11 +149,6 @@ class Simulation(BuiltForSettings):
         return self.frame * self.settings.dt
 
     @property
-    def compile_seconds(self) -> float:
-        """What loading (and at first use compiling) the kernels took."""
-        return self._loop.compile_seconds
-
-    @property
     def dt(self) -> float:
         """Length of a frame [s]."""
         return self.settings.dt
@@ -166,29 +162,6 @@ class Simulation(BuiltForSettings):
     def point_target(self) -> wp.array | None:
         """Targets of the point constraints [m], Warp array [point_count]; may be written between frames."""
         return self._context.point_target
-
-    @property
-    def contact_pairs(self) -> np.ndarray:
-        """Of the last step, int [contact_count, 2]: two particles, or a particle and -1 - its collider."""
-        contacts = self._loop.contacts
-        if not contacts:
-            return np.zeros((0, 2), np.int32)
-        return contacts.pair.numpy()[: int(contacts.count.numpy()[0])]
-
-    @property
-    def iterations_used(self) -> int:
-        """Iterations of all steps of the last frame (with `Direct`, of all paths too)."""
-        return self._loop.iterations_used
-
-    @property
-    def substeps_used(self) -> int:
-        """Steps of the last frame; with "auto" those of the piece that took most, with what was thrown away."""
-        return self._loop.steps_used
-
-    @property
-    def unconverged(self) -> int | None:
-        """Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None without one."""
-        return self._loop.unconverged
 
     @property
     def forces(self) -> Forces:
@@ -212,25 +185,6 @@ class Simulation(BuiltForSettings):
     def reaction(self) -> np.ndarray:
         """Of what holds a particle, on that particle [N], float64 [particle_count, 3]; see `forces`."""
         return self.forces.reaction
-
-    @property
-    def passes(self) -> list[str]:
-        """What one step (substep) launches, in order."""
-        with self._context.launch.dry_run() as trace:
-            self._loop.run_step()
-        return [name for name, _ in trace]
-
-    @property
-    def launches(self) -> int:
-        """Launches in a frame: its steps, and the search for divergence at its end."""
-        with self._context.launch.dry_run() as trace:
-            self._loop.run_frame()
-        return len(trace)
-
-    @property
-    def memory(self) -> dict[str, int]:
-        """Bytes on the device, by the name of each array."""
-        return {name: array.capacity for name, array in self._context.arrays.items()}
 
     @property
     def held(self) -> int | None:

@@ -263,7 +263,7 @@ def test_a_checkpoint_of_another_drag_or_of_no_run_is_refused(tmp_path):
     for hand in (2, -1):
         result = call(*kept, "--frames", 12, "--resume", "--set", f"hand={hand}", cwd=tmp_path)
         assert result.returncode == 2
-        assert "checkpoint c.npz is of another run, whose drags differ" in last_line(result.stderr)
+        assert "checkpoint c.npz is of another run, as it differs in drags" in last_line(result.stderr)
     pbd.Simulation.load(tmp_path / "c.npz").save(tmp_path / "c.npz")
     result = call(*kept, "--frames", 12, "--resume", cwd=tmp_path)
     assert result.returncode == 2

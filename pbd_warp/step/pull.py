@@ -38,7 +38,8 @@ class Pull:
     def __init__(self, context: Context, acceleration: float, speed: float):
         self._context = context
         self._acceleration, self._speed = acceleration, speed
-        self._particle = context.upload("pull.particle", [-1], wp.int32)
+        self._particle = context.allocate("pull.particle", 1, wp.int32)  # not uploaded: it changes
+        self._particle.fill_(-1)
         self._target = context.allocate("pull.target", 1, context.vec3)
         self._strength = context.allocate("pull.strength", 1, context.real)
         self._steady = context.allocate("pull.steady", 1, context.vec3)
