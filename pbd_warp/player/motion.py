@@ -1,0 +1,66 @@
+"""A motion that is done: where all particles were, frame by frame."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pbd_warp.atomic import replacing
+from pbd_warp.player.drawn import Drawn
+from pbd_warp.player.html import inline, page
+from pbd_warp.player.serve import serve
+from pbd_warp.player.video import VIDEOS, save_video
+
+EXTENSIONS = (".html", *VIDEOS)
+
+
+@dataclass(frozen=True, repr=False)
+class Motion:
+    """A motion that is done. In Jupyter it shows itself.
+
+    drawn: What is drawn besides positions. positions: [m], float32 [frame_count, particle_count, 3]. fps: Frames a
+    second. title: What it is of. stretch_from: What stretch is measured against, in words.
+    """
+
+    drawn: Drawn
+    positions: np.ndarray
+    fps: float
+    title: str = "motion"
+    stretch_from: str = "rest length"
+
+    @property
+    def frame_count(self) -> int:
+        return len(self.positions)
+
+    def html(self) -> str:
+        """A page that plays it, without any network: play, scrub, turn, colour by stretch."""
+        return page(
+            self.drawn.around(self.positions), self.positions, self.fps, self.title, stretch_from=self.stretch_from
+        )
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write an .html that plays it, an .mp4 or a .gif; the file appears when it is complete.
+
+        Raises:
+            InputError: another ending, or the extra `video` is not installed. SimulationFailed: it could not be written.
+        """
+        out = Path(path)
+        with replacing(out, out.with_name(f".{out.stem}.{os.getpid()}{out.suffix}")) as temporary:
+            if out.suffix == ".html":
+                temporary.write_text(self.html(), encoding="utf-8")
+            else:
+                save_video(self.drawn, self.positions, self.fps, temporary)
+
+    def show(self) -> None:
+        """Open it in the browser; goes on when the page has arrived there."""
+        serve(self.html(), self.title)
+
+    def _repr_html_(self) -> str:
+        return inline(self.html())
+
+    def __repr__(self) -> str:
+        frames, particles, _ = self.positions.shape
+        return f"Motion({self.title!r}, {frames} frames of {particles} particles at {self.fps:g} a second)"
