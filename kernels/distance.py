@@ -61,7 +61,7 @@ def limit_lengths(
     # Model:
     edge: wp.array[wp.vec2i],  # [edge_count]
     rest_length: wp.array[Real],  # [edge_count] [m]
-    soft: wp.array[wp.int32],  # [edge_count] 1: its error is its force, and stays
+    compliant: wp.array[wp.int32],  # [edge_count] 1: its error is its force, and stays
     # State:
     x: wp.array[Vec3],
     # In:
@@ -74,7 +74,7 @@ def limit_lengths(
     k = wp.tid()
     length = wp.length(x[edge[k][0]] - x[edge[k][1]])
     rest_now[k] = rest_length[k]
-    if soft[k] == 0:
+    if compliant[k] == 0:
         rest_now[k] = wp.clamp(rest_length[k], length - depenetration, length + depenetration)
 
 
@@ -125,10 +125,10 @@ def project_distance(
     if valence:
         weight = Real(valence[i]) * w_i + Real(valence[j]) * w_j
     if weight > Real(0.0):
-        soft = Real(0.0)
+        alpha = Real(0.0)
         if compliance:
-            soft = compliance[k] * compliance_scale[0]
-        c, n, g, size, a = distance_over_step(x[i] - x[j], u[i] - u[j], rest_length[k], soft, mean_gradient)
+            alpha = compliance[k] * compliance_scale[0]
+        c, n, g, size, a = distance_over_step(x[i] - x[j], u[i] - u[j], rest_length[k], alpha, mean_gradient)
         if compliance:
             c = c + a * lam[k]
         if residual:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd_warp.forces import Forces
 from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.simulation import Simulation
 
@@ -20,6 +21,7 @@ class Measures:
     overlap: Deepest overlap of two particles in contact, or of a particle and a collider [m].
     energy: Kinetic, in gravity (0 at the origin's height) and in compliant constraints [J].
     momentum [kg m/s], angular_momentum about the origin [kg m^2/s]: of all free particles, shape [3].
+    forces: Tensions, reactions and contact forces of the last step; None where the method does not keep them.
     """
 
     residual: float
@@ -28,6 +30,7 @@ class Measures:
     energy: float
     momentum: np.ndarray
     angular_momentum: np.ndarray
+    forces: Forces | None
 
 
 def measure(sim: Simulation) -> Measures:
@@ -55,6 +58,7 @@ def _measure(sim: Simulation) -> Measures:
         energy=float(0.5 * m @ np.sum(v * v, axis=1) - m @ (x @ model.gravity)) + elastic,
         momentum=m @ v,
         angular_momentum=m @ np.cross(x, v),
+        forces=sim.forces if sim.settings.method.keeps_forces else None,
     )
 
 
@@ -63,8 +67,8 @@ def _largest(values: np.ndarray) -> float:
 
 
 def _elastic(c: np.ndarray, compliance: np.ndarray) -> float:
-    soft = compliance > 0.0
-    return float(np.sum(0.5 * c[soft] ** 2 / compliance[soft]))
+    compliant = compliance > 0.0
+    return float(np.sum(0.5 * c[compliant] ** 2 / compliance[compliant]))
 
 
 def _pair_overlap(sim: Simulation, x: np.ndarray) -> float:

@@ -99,7 +99,7 @@ class _Progress:
 
 
 class Writer(Protocol):
-    """Writes frames: `UsdWriter`, or the one of a stage."""
+    """Writes frames: `UsdWriter`, or the one that writes over a USD stage."""
 
     def write(self, state: State) -> None: ...
     def flush(self) -> None: ...

@@ -182,7 +182,7 @@ def test_a_retry_leads_the_grabbed_particle_to_its_target():
 
 
 def test_when_nothing_helps_the_error_says_what_was_tried():
-    sim = pbd.Simulation(rope_model(6), method=pbd.Direct(), on_failure="subdivide")
+    sim = pbd.Simulation(rope_model(6), method=pbd.Direct(1), on_failure="subdivide")
     sim.grab(5)
     sim.move_to((2.0, 0.0, 0.0))
     message = failure(sim, 1)
@@ -191,7 +191,7 @@ def test_when_nothing_helps_the_error_says_what_was_tried():
 
 
 def test_fallback_from_the_most_robust_has_nothing_left():
-    sim = pbd.Simulation(rope_model(6), method=pbd.Direct(), on_failure="fallback")
+    sim = pbd.Simulation(rope_model(6), method=pbd.Direct(1), on_failure="fallback")
     sim.grab(5)
     sim.move_to((2.0, 0.0, 0.0))
     assert failure(sim, 1).endswith("tried without success: nothing more robust than 'pbd'")

@@ -46,11 +46,13 @@ def run_scene(
     # As far as it goes: nothing is rescued, and a cell is judged by its own thresholds.
     sim = Simulation(model, scene.settings, on_failure="continue", limits=Limits(stretch=None))
     measures = [measure(sim)]
+    iterations = 0
     missed = stopped = False
     with np.errstate(all="ignore"):  # what flies apart overflows
         try:
             for _ in play(sim, Drag(scene.drag), scene.frames):
                 measures.append(measure(sim))
+                iterations += sim.iterations_used
                 missed = missed or (in_line and _have_passed(model, sim))
         except SimulationFailed:
             stopped = True
@@ -69,6 +71,7 @@ def run_scene(
             stretch=max(max(now.max_stretch, now.overlap / diameter) for now in late),
             left=float("inf") if stopped and finite else left,
             error=error(sim) if error is not None and finite else float("nan"),
+            iterations=iterations / max(sim.frame * sim.settings.whole_substeps, 1),
         )
 
 
