@@ -21,6 +21,8 @@ from pbd_warp.grab.drag import Drag
 from pbd_warp.grab.recording import Recording, Replay
 from pbd_warp.measure import measure
 from pbd_warp.model.model import Model, State
+from pbd_warp.player.motion import EXTENSIONS
+from pbd_warp.player.writer import MotionWriter
 from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
@@ -119,11 +121,13 @@ class Hooks:
 
     on_frame: Called after each frame with how many are written. A KeyboardInterrupt from it ends the run.
     on_warning: Called before the first step with each thing that is known to fail (`Simulation.check`).
+    on_drawn: Called while a video is drawn, at the end, with how many of how many pictures are done.
     checkpoints: A resumed run ends with the same file as one that never stopped. None: none are left.
     """
 
     on_frame: Callable[[int], object] = lambda frame: None
     on_warning: Callable[[PreflightWarning], object] = lambda warning: None
+    on_drawn: Callable[[int, int], object] = lambda done, of: None
     checkpoints: Checkpoints | None = None
 
 
@@ -135,7 +139,8 @@ def run(
     hooks: Hooks = Hooks(),
     recording: Recording | None = None,
 ) -> RunStats:
-    """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
+    """Simulate a scene and write its frames to `out`, a USD animation, a page that plays them or a video: frame 0
+    is the initial state, scene.frames there are in all.
 
     Args:
         recording: A recording to be done again, with its settings, instead of the scene's drag.
@@ -155,7 +160,12 @@ def run(
         controller = recording.replay(scene, model)
         sim = controller.begin()
 
-    def open_writer(resume: int | None) -> UsdWriter:
+    if out.suffix in EXTENSIONS and hooks.checkpoints:
+        raise InputError(f"{out} cannot be gone on with: leave checkpoints of a .usdc, and play that at the end")
+
+    def open_writer(resume: int | None) -> Writer:
+        if out.suffix in EXTENSIONS:
+            return MotionWriter(out, model, scene.fps, scene.name, hooks.on_drawn)
         return UsdWriter(out, model, scene.fps, provenance(scene, model), resume)
 
     return make_frames(scene, sim, controller, open_writer, out, hooks)

@@ -3,7 +3,7 @@
 import warp as wp
 
 # Each adds itself to the application.
-from pbd_warp.cli import chart, info, list, run, simulate, stability, view  # noqa: F401
+from pbd_warp.cli import chart, info, list, play, run, simulate, stability, view  # noqa: F401
 from pbd_warp.cli.app import app
 
 

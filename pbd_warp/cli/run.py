@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,8 +31,11 @@ from pbd_warp.cli.options import (
 from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
 from pbd_warp.errors import InputError
 from pbd_warp.grab.recording import Recording
+from pbd_warp.player.motion import EXTENSIONS
+from pbd_warp.player.writer import check_player_path
 from pbd_warp.run import Checkpoints, Hooks, RunStats, run
 from pbd_warp.scene import Scene
+from pbd_warp.usd.writer import EXTENSIONS as STAGES
 from pbd_warp.usd.writer import check_path
 
 
@@ -39,7 +43,9 @@ from pbd_warp.usd.writer import check_path
 @takes_settings
 def run_scene(
     scene: SceneName,
-    out: Annotated[Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc or .usd.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc, .usd; .html, .mp4 or .gif to look at.")
+    ] = None,
     frames: Frames = None,
     device: Device = None,
     dtype: Dtype = None,
@@ -77,15 +83,26 @@ def run_scene(
             recording = Recording.load(drags, scene)
             length = recording.frames if frames is None else check.whole("frames", frames, low=1)
             built, dtype = recording.load_scene(scene).changed(frames=length), recording.dtype
-        path = check_path(out if out is not None else Path(f"{built.name}.usda"))
+        path = check_out(out if out is not None else Path(f"{built.name}.usda"))
         if stats is not None:
             check.folder(stats.parent)
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
+            hooks = replace(hooks, on_drawn=lambda done, of: (advance(done, of), stop_if_asked()))
             result = run(built, path, device, dtype or "float32", hooks, recording)
         if stats is not None:
             result.save(stats)
         typer.echo(table(result))
+
+
+def check_out(out: Path) -> Path:
+    """The path as one that a run can be written to, or an InputError."""
+    if out.suffix in EXTENSIONS:
+        return check_player_path(out)
+    if out.suffix not in STAGES:
+        known = ", ".join((*STAGES, *EXTENSIONS))
+        raise InputError(f"{out} must end in one of {known}, not in {out.suffix or 'nothing'!r}")
+    return check_path(out)
 
 
 def _pick_for(scene: Scene, accuracy: float) -> Row:

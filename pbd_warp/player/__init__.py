@@ -1,1 +1,1 @@
-"""Motion that is done: recorded, played in the browser from one file, drawn as a video. No server, nothing simulated."""
+"""Motion that is done: one file that plays it in the browser, or a video of it. Nothing is simulated here."""

@@ -18,8 +18,8 @@ class Drawn:
     """Float64 arrays, lengths in metres.
 
     radius: Of the balls, [particle_count]. fixed: Which of them do not move, [fixed_count]. links: Pairs of them,
-    [link_count, 2]; link_radius, rest_length: [link_count]. plane_point, plane_normal: [plane_count, 3]. spheres: Centre
-    and radius, [sphere_count, 4].
+    [link_count, 2]; link_radius, rest_length: [link_count]. plane_point, plane_normal: [plane_count, 3].
+    spheres: Centre and radius, [sphere_count, 4].
     """
 
     radius: np.ndarray

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pbd_warp.atomic import replacing
+from pbd_warp.errors import InputError
 from pbd_warp.player.drawn import Drawn
 from pbd_warp.player.html import inline, page
 from pbd_warp.player.serve import serve
@@ -41,18 +43,26 @@ class Motion:
             self.drawn.around(self.positions), self.positions, self.fps, self.title, stretch_from=self.stretch_from
         )
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(
+        self, path: str | os.PathLike[str], on_drawn: Callable[[int, int], object] = lambda done, of: None
+    ) -> None:
         """Write an .html that plays it, an .mp4 or a .gif; the file appears when it is complete.
 
+        Args:
+            on_drawn: Called while a video is drawn with how many of how many pictures are done.
+
         Raises:
-            InputError: another ending, or the extra `video` is not installed. SimulationFailed: it could not be written.
+            InputError: another ending, or the extra `video` is not installed.
+            SimulationFailed: it could not be written.
         """
         out = Path(path)
+        if out.suffix not in EXTENSIONS:
+            raise InputError(f"{out} must end in one of {', '.join(EXTENSIONS)}, not in {out.suffix or 'nothing'!r}")
         with replacing(out, out.with_name(f".{out.stem}.{os.getpid()}{out.suffix}")) as temporary:
             if out.suffix == ".html":
                 temporary.write_text(self.html(), encoding="utf-8")
             else:
-                save_video(self.drawn, self.positions, self.fps, temporary)
+                save_video(self.drawn, self.positions, self.fps, temporary, on_drawn)
 
     def show(self) -> None:
         """Open it in the browser; goes on when the page has arrived there."""
