@@ -26,6 +26,9 @@ BASES = {
 
 SHOWN = ("Points", "BasisCurves", "Sphere", "Plane")
 QUIET = ("", "Xform", "Scope", "Camera", "Material", "Shader", "GeomSubset", "PhysicsScene")
+JOINT = 0.9
+"""Balls between the pieces of a curve, relative to its width: they fill its bends, and hide none of its colour."""
+
 MOST_FRAMES = 100_000
 
 
@@ -68,7 +71,7 @@ def read_motion(path: str | os.PathLike[str]) -> tuple[Motion, dict[str, int]]:
         thick = 0.5 * world.metres * strand.width(first)
         links.append(start + strand.links)
         link_radius.append(thick[strand.links].min(axis=1, initial=np.inf))
-        radius.append(thick)
+        radius.append(JOINT * thick)
         start += len(thick)
     edge = np.concatenate(links)
     x = np.array(frames)
