@@ -1,4 +1,4 @@
-"""What can go wrong, in one sentence each: what it was, where, and what would be right."""
+"""What can go wrong: what it was, where, what helps, and what is kept; a sentence, or a line each on a terminal."""
 
 from __future__ import annotations
 
@@ -7,7 +7,24 @@ from collections.abc import Iterable
 
 
 class PbdError(Exception):
-    """Base of all errors that this package raises on purpose."""
+    """Base of all errors that this package raises on purpose. As text it is all of it in one sentence.
+
+    Args:
+        what: What went wrong.
+        where: With what settings, at which constraint.
+        remedy: What helps.
+        kept: What is left of the work that was done.
+    """
+
+    def __init__(self, what: object, *, where: str = "", remedy: str = "", kept: str = ""):
+        self.what, self.where, self.remedy, self.kept = str(what), where, remedy, kept
+        super().__init__("; ".join(part for part in (self.what, where, remedy, kept) if part))
+
+    @property
+    def lines(self) -> list[str]:
+        """What it was, and then a line for each of the others that there is something to say of."""
+        others = {"where": self.where, "helps": self.remedy, "kept": self.kept}
+        return [self.what, *(f"{name}: {text}" for name, text in others.items() if text)]
 
 
 class InputError(PbdError, ValueError):

@@ -36,6 +36,8 @@ class RunStats:
 
     unconverged: Steps that ended above the method's tolerance, None where it has none.
     retried: Frames that were made again after a failure (`on_failure`).
+    wall_s: The whole run [s], from the first check to the closed file; since it was resumed, if it was.
+    real_time_factor: Simulated time over that of simulating it; None of a single frame.
     """
 
     scene: str
@@ -57,6 +59,8 @@ class RunStats:
     out: str
     unconverged: int | None
     retried: int
+    wall_s: float
+    real_time_factor: float | None
 
     def save(self, path: Path) -> None:
         path.write_text(json.dumps(vars(self), indent=2) + "\n")
@@ -198,6 +202,7 @@ def make_frames(
     Args:
         open_writer: Gives what writes them; its argument is how many of them are there already.
     """
+    began = time.perf_counter()
     made_by = provenance(scene, sim.model)
     checkpoints = hooks.checkpoints
     if checkpoints and checkpoints.path.absolute() == out.absolute():
@@ -248,6 +253,8 @@ def make_frames(
         out=str(out),
         unconverged=progress.unconverged,
         retried=sim.retried,
+        wall_s=time.perf_counter() - began + compile_seconds,
+        real_time_factor=(scene.frames - 1) / scene.fps / progress.wall if progress.wall else None,
     )
 
 
@@ -257,7 +264,7 @@ def report_saved_frames(writer: Writer) -> Iterator[None]:
     try:
         yield
     except (SimulationFailed, KeyboardInterrupt) as error:
-        kept = f"; the {writer.frames} frames so far are in {writer.saved}" if writer.saved else ""
+        kept = f"the {writer.frames} frames so far are in {writer.saved}" if writer.saved else ""
         if isinstance(error, KeyboardInterrupt):
-            raise Interrupted(f"interrupted{kept}") from error
-        raise SimulationFailed(f"{error}{kept}") from error
+            raise Interrupted("interrupted", kept=kept) from error
+        raise SimulationFailed(error.what, where=error.where, remedy=error.remedy, kept=kept or error.kept) from error

@@ -1,4 +1,4 @@
-"""A model in motion, frame by frame, and everything that one does with it."""
+"""A model in motion, frame by frame, and everything that one does with it; readings.py is what one reads off it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from numpy.typing import ArrayLike
 
 from pbd_warp import retry
 from pbd_warp.checkpoint import Checkpoint
-from pbd_warp.errors import InputError, SimulationFailed
-from pbd_warp.failure import describe
-from pbd_warp.forces import Forces, constraint_forces
+from pbd_warp.errors import SimulationFailed
+from pbd_warp.failure import failed
 from pbd_warp.loop import Loop
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
+from pbd_warp.player.playable import Playable
 from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
+from pbd_warp.readings import Readings
 from pbd_warp.settings import Settings
 from pbd_warp.step.kinematic import KinematicParticles
-from pbd_warp.step.methods.direct import DirectSolver
 
 
-class Simulation:
+class Simulation(Readings, Playable):
     """Runs a model, frame by frame.
 
     Args:
@@ -72,11 +72,11 @@ class Simulation:
         if failure is None:
             return
         if failure[0] == "contacts":  # which no retry would help
-            raise SimulationFailed(f"{self._when}: {describe(self._snapshot(), failure)}")
+            raise failed(self._when, self._snapshot(), failure)
         if not self._retry():
-            sentence = describe(self._snapshot(), failure)
+            error = failed(self._when, self._snapshot(), failure, retry.tried(self.settings))
             self._loop.monitor.restart()  # the next frame, of a state that was put right, is judged by itself
-            raise SimulationFailed(f"{self._when}: {sentence}{retry.tried(self.settings)}")
+            raise error
         self.retried += 1
 
     def reset(self) -> None:
@@ -153,11 +153,6 @@ class Simulation:
         return self.frame * self.settings.dt
 
     @property
-    def compile_seconds(self) -> float:
-        """What loading (and at first use compiling) the kernels took."""
-        return self._loop.compile_seconds
-
-    @property
     def dt(self) -> float:
         """Length of a frame [s]."""
         return self.settings.dt
@@ -171,71 +166,6 @@ class Simulation:
     def point_target(self) -> wp.array | None:
         """Targets of the point constraints [m], Warp array [point_count]; may be written between frames."""
         return self._context.point_target
-
-    @property
-    def contact_pairs(self) -> np.ndarray:
-        """Of the last step, int [contact_count, 2]: two particles, or a particle and -1 - its collider."""
-        contacts = self._loop.contacts
-        if not contacts:
-            return np.zeros((0, 2), np.int32)
-        return contacts.pair.numpy()[: int(contacts.count.numpy()[0])]
-
-    @property
-    def iterations_used(self) -> int:
-        """Iterations of all steps of the last frame (with `Direct`, of all paths too)."""
-        return self._loop.iterations_used
-
-    @property
-    def substeps_used(self) -> int:
-        """Steps of the last frame; with "auto" those of the piece that took most, with what was thrown away."""
-        return self._loop.steps_used
-
-    @property
-    def unconverged(self) -> int | None:
-        """Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None without one."""
-        return self._loop.unconverged
-
-    @property
-    def forces(self) -> Forces:
-        """What constraints carried in the last step: tensions, reactions, contact forces. Reads them from the device.
-
-        Raises:
-            InputError: the method keeps no multipliers; `Direct` does.
-        """
-        solver = self._loop.solver
-        if not isinstance(solver, DirectSolver):
-            raise InputError(f"forces are known with method 'direct', not with {self.settings.method}")
-        x, w = (array.numpy().astype(np.float64) for array in (self.state.x, self._context.w))
-        return constraint_forces(self.model, solver, x, w)
-
-    @property
-    def tension(self) -> np.ndarray:
-        """Force along each distance in the last step [N], pull positive, float64 [distance_count]; see `forces`."""
-        return self.forces.tension
-
-    @property
-    def reaction(self) -> np.ndarray:
-        """Of what holds a particle, on that particle [N], float64 [particle_count, 3]; see `forces`."""
-        return self.forces.reaction
-
-    @property
-    def passes(self) -> list[str]:
-        """What one step (substep) launches, in order."""
-        with self._context.launch.dry_run() as trace:
-            self._loop.run_step()
-        return [name for name, _ in trace]
-
-    @property
-    def launches(self) -> int:
-        """Launches in a frame: its steps, and the search for divergence at its end."""
-        with self._context.launch.dry_run() as trace:
-            self._loop.run_frame()
-        return len(trace)
-
-    @property
-    def memory(self) -> dict[str, int]:
-        """Bytes on the device, by the name of each array."""
-        return {name: array.capacity for name, array in self._context.arrays.items()}
 
     @property
     def held(self) -> int | None:

@@ -6,14 +6,14 @@ from typing import Any
 
 import typer
 
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Debug, Device, Dtype, SceneName, Seed, Set, scene_with, takes_settings
 from pbd_warp.cli.terminal import one_sentence
 from pbd_warp.cost import cost_sheet
 from pbd_warp.simulation import Simulation
 
 
-@app.command()
+@command("info", "info rope", "info chain --set links=50 --method jacobi")
 @takes_settings
 def info(
     scene: SceneName,

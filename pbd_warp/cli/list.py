@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import typer
 
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.scene import scene_names, scene_summary
 
 
-@app.command("list")
+@command("list", "list")
 def list_scenes() -> None:
     """List the scenes."""
     for name in scene_names():

@@ -8,15 +8,16 @@ from typing import Annotated
 
 import typer
 
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Debug
-from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.cli.terminal import interruptible, one_sentence
 from pbd_warp.player.serve import PageServer
 from pbd_warp.player.stage import read_motion
 from pbd_warp.player.writer import check_player_path
+from pbd_warp.progress import progress_bar
 
 
-@app.command()
+@command("play", "play rope.usda", "play sim.usdc --out sim.mp4")
 def play(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A .usda, .usdc, .usd or .usdz file.")],
     out: Annotated[

@@ -13,7 +13,7 @@ from pbd_warp import check
 from pbd_warp.accuracy.chart import CONFIGURATION, Row, best_error, flags, load
 from pbd_warp.accuracy.chart import pick as pick_row
 from pbd_warp.accuracy.sweep import charts_folder
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import (
     Checkpoint,
     Debug,
@@ -28,18 +28,25 @@ from pbd_warp.cli.options import (
     scene_with,
     takes_settings,
 )
-from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.cli.terminal import complain, interruptible, one_sentence
 from pbd_warp.errors import InputError
 from pbd_warp.grab.recording import Recording
 from pbd_warp.player.motion import EXTENSIONS
 from pbd_warp.player.writer import check_player_path
+from pbd_warp.preflight import PreflightWarning
+from pbd_warp.progress import progress_bar
 from pbd_warp.run import Checkpoints, Hooks, RunStats, run
 from pbd_warp.scene import Scene
 from pbd_warp.usd.writer import EXTENSIONS as STAGES
 from pbd_warp.usd.writer import check_path
 
 
-@app.command("run")
+@command(
+    "run",
+    "run rope --out rope.html",
+    "run chain --set links=50 --out chain.usdc",
+    "run my_scene.py --frames 120 --fps 30",
+)
 @takes_settings
 def run_scene(
     scene: SceneName,
@@ -126,21 +133,34 @@ def hooks_of(checkpoint: Path | None, every: int, resume: bool, on_frame: Callab
         raise InputError("--resume goes on from a checkpoint: name it with --checkpoint FILE")
     return Hooks(
         on_frame=on_frame,
-        on_warning=lambda warning: typer.echo(f"pbd-warp: known to fail: {warning}", err=True),
+        on_warning=warn,
         checkpoints=Checkpoints(checkpoint, every, resume) if checkpoint is not None else None,
     )
+
+
+def warn(warning: PreflightWarning) -> None:
+    complain([f"known to fail: {warning.text}", f"helps: {warning.remedy} (test: {warning.test})"])
+
+
+def pace(stats: RunStats) -> str:
+    """How fast simulated time went by while nothing else was done."""
+    if stats.real_time_factor is None:
+        return "too few to tell the pace"
+    return f"{stats.real_time_factor:.3g} times real time"
 
 
 def table(stats: RunStats) -> str:
     """The closing figures of a run."""
     size = Path(stats.out).stat().st_size
+    lost = stats.energy_end - stats.energy_start
     rows = {
         "scene": f"{stats.scene}, {stats.particles} particles, {stats.constraints} constraints",
-        "frames": f"{stats.frames} at {stats.wall_ms_per_frame:.3f} ms a frame",
+        "frames": f"{stats.frames} at {stats.wall_ms_per_frame:.3f} ms a frame: {pace(stats)}",
+        "wall time": f"{stats.wall_s:.2f} s with compiling, measuring and writing",
         "compile": f"{stats.compile_s:.2f} s",
         "max stretch": f"{100 * stats.max_stretch:.3g} %",
         "max residual": f"{stats.max_residual:.3g} m",
-        "energy": f"{stats.energy_start:.6g} J at the start, {stats.energy_end:.6g} J at the end",
+        "energy": f"{lost:+.4g} J since the start, {stats.energy_end:.4g} J at the end (0: at rest at y = 0)",
         "file": f"{stats.out}, {size / 1024:.0f} KiB",
     }
     if stats.unconverged is not None:

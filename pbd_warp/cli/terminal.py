@@ -1,40 +1,36 @@
-"""How a command talks to a terminal: errors, progress, Ctrl-C."""
+"""How a command talks to a terminal: errors, Ctrl-C."""
 
 from __future__ import annotations
 
 import signal
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pbd_warp.errors import InputError, Interrupted, PbdError
 
 
 @contextmanager
 def one_sentence(debug: bool) -> Iterator[None]:
-    """Errors become one sentence on stderr and an exit code: 2 bad usage, 1 the run failed, 130 Ctrl-C."""
+    """Errors become what, where, what helps and what is kept, a line each; and an exit code: 2 bad usage, 1 the run
+    failed, 130 Ctrl-C."""
     try:
         yield
     except (PbdError, OSError) as error:
         if debug:
             traceback.print_exc()
-        typer.echo(f"pbd-warp: {error}", err=True)
+        complain(error.lines if isinstance(error, PbdError) else [str(error)])
         code = 2 if isinstance(error, InputError) else 130 if isinstance(error, Interrupted) else 1
         raise typer.Exit(code) from None
 
 
-@contextmanager
-def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on a terminal, nothing in a pipe; gives a function of how many are done, of how many."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(title, total=None)
-        yield lambda done, of: progress.update(task, completed=done, total=of)
+def complain(lines: Sequence[str]) -> None:
+    """What is wrong, to stderr: a line each, those after the first indented."""
+    first, *others = lines
+    for line in (f"pbd-warp: {first}", *(f"  {line}" for line in others)):
+        typer.echo(line, err=True)
 
 
 @contextmanager

@@ -13,14 +13,14 @@ from typing import Annotated, Any
 import typer
 
 from pbd_warp import check
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Debug, Device, Dtype, SceneName, Seed, Set, parameters_of, scene_with, takes_settings
 from pbd_warp.cli.terminal import one_sentence
 from pbd_warp.errors import InputError
 from pbd_warp.view.session import Session
 
 
-@app.command()
+@command("view", "view rope", "view rope --record drags.json", "view my_scene.py --no-open")
 @takes_settings
 def view(
     scene: SceneName,

@@ -12,12 +12,8 @@ from typing import Any
 
 import numpy as np
 
-MODULES = (
-    ("camera", "pbd_warp.view", "camera.js"),
-    ("draw", "pbd_warp.view", "draw.js"),
-    ("player", "pbd_warp.player", "player.js"),
-)
-"""In the order in which they are run: name, package, file in its folder page/."""
+PACKAGES = ("pbd_warp.player", "pbd_warp.view")
+"""Whose folders page/ modules are looked for in: what draws is the live view's."""
 
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:class|function|const) (\w+))", re.MULTILINE)
@@ -34,13 +30,13 @@ def page(scene: dict[str, Any], x: np.ndarray, fps: float, title: str, stretch_f
     about = {**scene, "title": title, "fps": fps, "frames": len(x), "stretch_from": stretch_from}
     parts = {
         "TITLE": html.escape(title),
-        "STYLE": _read("pbd_warp.player", "player.css"),
+        "STYLE": _read("player.css"),
         "SCENE": json.dumps(about).replace("<", "\\u003c"),
         # Compressed without a time in it: the same motion is the same file.
         "FRAMES": base64.b64encode(gzip.compress(frames, 6, mtime=0)).decode("ascii"),
         "SCRIPT": _bundle(),
     }
-    template = _read("pbd_warp.player", "player.html")
+    template = _read("player.html")
     return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
 
 
@@ -50,16 +46,24 @@ def inline(text: str) -> str:
     return f'<iframe srcdoc="{html.escape(text)}" style="{look}" allow="fullscreen"></iframe>'
 
 
-def _bundle() -> str:
-    """All modules as one script: each is a function that gives what it exports, so that their names keep apart."""
-    script = []
-    for name, package, file in MODULES:
-        source = _read(package, file)
+def _bundle(first: str = "player") -> str:
+    """A module and all that it imports as one script, what is imported before what imports it: each is a function that
+    gives what it exports, so that their names keep apart."""
+    written: dict[str, str] = {}
+
+    def write(name: str) -> None:
+        source = _read(f"{name}.js")
+        for _, wanted in _IMPORT.findall(source):
+            if wanted not in written:
+                write(wanted)
         exported = _EXPORT.findall(source)
         source = _IMPORT.sub(r"const \1 = module_\2;", _EXPORT.sub("", source))
-        script.append(f"const module_{name} = (() => {{\n{source}\nreturn {{ {', '.join(exported)} }};\n}})();\n")
-    return "".join(script)
+        written[name] = f"const module_{name} = (() => {{\n{source}\nreturn {{ {', '.join(exported)} }};\n}})();\n"
+
+    write(first)
+    return "".join(written.values())
 
 
-def _read(package: str, file: str) -> str:
-    return (files(package) / "page" / file).read_text(encoding="utf-8")
+def _read(file: str) -> str:
+    found = [files(package) / "page" / file for package in PACKAGES]
+    return next(path for path in found if path.is_file()).read_text(encoding="utf-8")

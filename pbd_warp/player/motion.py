@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import os
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import numpy as np
 
 from pbd_warp.atomic import replacing
 from pbd_warp.errors import InputError
+from pbd_warp.model.model import Model
 from pbd_warp.player.drawn import Drawn
 from pbd_warp.player.html import inline, page
 from pbd_warp.player.serve import serve
@@ -32,6 +35,11 @@ class Motion:
     fps: float
     title: str = "motion"
     stretch_from: str = "rest length"
+
+    @classmethod
+    def of(cls, model: Model, positions: Sequence[np.ndarray] | np.ndarray, fps: float, title: str) -> Motion:
+        """The motion of a model, frame by frame, [particle_count, 3] each."""
+        return cls(Drawn.of_model(model), np.asarray(positions, dtype=np.float32), fps, title)
 
     @property
     def frame_count(self) -> int:
@@ -65,8 +73,11 @@ class Motion:
                 save_video(self.drawn, self.positions, self.fps, temporary, on_drawn)
 
     def show(self) -> None:
-        """Open it in the browser; goes on when the page has arrived there."""
-        serve(self.html(), self.title)
+        """Open it in the browser, and go on when the page has arrived there; in Jupyter below the cell."""
+        if in_notebook():
+            importlib.import_module("IPython.display").display(self)
+        else:
+            serve(self.html(), self.title)
 
     def _repr_html_(self) -> str:
         return inline(self.html())
@@ -74,3 +85,10 @@ class Motion:
     def __repr__(self) -> str:
         frames, particles, _ = self.positions.shape
         return f"Motion({self.title!r}, {frames} frames of {particles} particles at {self.fps:g} a second)"
+
+
+def in_notebook() -> bool:
+    """Whether a Jupyter kernel runs this."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython else None
+    return shell is not None and hasattr(shell, "kernel")

@@ -12,7 +12,6 @@ import numpy as np
 from pbd_warp import check
 from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.model.model import Model, State
-from pbd_warp.player.drawn import Drawn
 from pbd_warp.player.motion import EXTENSIONS, Motion
 from pbd_warp.player.video import VIDEOS, imageio
 
@@ -62,7 +61,7 @@ class MotionWriter:
         on_drawn: Callable[[int, int], object] = lambda done, of: None,
     ):
         self._path = check_player_path(path)
-        self._drawn = Drawn.of_model(model)
+        self._model = model
         self._fps = check.number("fps", fps, above=0.0)
         self._title = title
         self._on_drawn = on_drawn
@@ -108,6 +107,6 @@ class MotionWriter:
             self._save(beside if self._path.exists() else self._path)
 
     def _save(self, path: Path) -> None:
-        motion = Motion(self._drawn, np.array(self._positions), self._fps, self._title)
+        motion = Motion.of(self._model, self._positions, self._fps, self._title)
         motion.save(path, self._on_drawn)
         self.saved = path
