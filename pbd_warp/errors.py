@@ -11,14 +11,15 @@ class PbdError(Exception):
 
     Args:
         what: What went wrong.
-        where: With what settings, at which constraint.
+        where: With what settings, at which constraint: goes on where `what` ends.
         remedy: What helps.
         kept: What is left of the work that was done.
     """
 
     def __init__(self, what: object, *, where: str = "", remedy: str = "", kept: str = ""):
         self.what, self.where, self.remedy, self.kept = str(what), where, remedy, kept
-        super().__init__("; ".join(part for part in (self.what, where, remedy, kept) if part))
+        finding = f"{self.what} {where}" if where else self.what
+        super().__init__("; ".join(part for part in (finding, remedy, kept) if part))
 
     @property
     def lines(self) -> list[str]:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import os
 import webbrowser
+from itertools import islice
 from pathlib import Path
 
 from pbd_warp.errors import InputError
@@ -54,7 +55,7 @@ def _motion(scene: Scene) -> Motion:
     frames = [sim.positions]
     drag = Drag(scene.drag)
     drag.check_particles(sim.model.particle_count)
-    frames += [now.positions for now in play(sim, drag, scene.frames)]
+    frames += [now.positions for now in islice(play(sim, drag, scene.frames), scene.frames - 1)]
     return Motion.of(sim.model, frames, scene.fps, scene.name)
 
 

@@ -31,7 +31,7 @@ def test_run_makes_the_frames_that_steps_make(how):
 
 @pytest.mark.parametrize("how", [{}, {"seconds": 1.0, "frames": 60}, {"seconds": -1.0}, {"frames": 1.5}])
 def test_run_says_what_it_needs(how):
-    with pytest.raises(pbd.InputError, match="seconds|frames"):
+    with pytest.raises(pbd.InputError, match=r"seconds|frames"):
         falling().run(**how)
 
 
