@@ -35,7 +35,7 @@ def _remedy(now: Snapshot, kind: str) -> str:
     if kind == "newton":
         return (
             f"{SMALLER_STEPS}, on_failure='subdivide', which makes such frames again with smaller steps, or "
-            "'continue', where what is left over does not matter"
+            "on_failure='continue', where what is left over does not matter"
         )
     if kind == "piece":
         cure = "use a larger error" if now.settings.auto else SMALLER_STEPS

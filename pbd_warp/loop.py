@@ -8,6 +8,7 @@ from typing import Any
 import warp as wp
 
 from pbd_warp.failure import Failure
+from pbd_warp.kernel_cache import load_module
 from pbd_warp.model.model import Model, State
 from pbd_warp.settings import Settings
 from pbd_warp.step.constraints.contact import ContactConstraints
@@ -41,7 +42,7 @@ class Loop:
         self.contacts = None
         if model.collides:
             self.contacts = ContactConstraints(context, settings.method.valence(model), settings.max_contacts)
-        self.damper = Damper(context, settings.damping, settings.whole_substeps) if settings.damping > 0.0 else None
+        self.damper = Damper(context, settings.damping, settings.steps_a_frame) if settings.damping > 0.0 else None
         self.explicit: DOP853 | None = None
         self.integrator: Integrator | None = None
         self.solver: Any = None
@@ -75,7 +76,7 @@ class Loop:
             context.launch.copy(self.start.v, context.state.v)
         if self.counters is not None:
             context.launch.zero(self.counters)
-        for _ in range(1 if self.explicit else self._settings.whole_substeps):
+        for _ in range(1 if self.explicit else self._settings.steps_a_frame):
             self.run_step()
         self.monitor.launch()
 
@@ -128,12 +129,12 @@ class Loop:
             return int(self.counters.numpy()[0])
         if self.integrator is None:
             return 0
-        return self._settings.method.iterations * self._settings.whole_substeps * len(self.integrator.stages)
+        return self._settings.method.iterations * self._settings.steps_a_frame * len(self.integrator.stages)
 
     @property
     def steps_used(self) -> int:
         """Steps of the last frame, of the piece that took most."""
-        return int(self.explicit.steps_used.max()) if self.explicit else self._settings.whole_substeps
+        return int(self.explicit.steps_used.max()) if self.explicit else self._settings.steps_a_frame
 
     @property
     def counters(self) -> wp.array | None:
@@ -160,7 +161,7 @@ class Loop:
             self.monitor.launch()
         start = time.perf_counter()
         for module in {kernel.module.name for _, kernel in trace if kernel}:
-            wp.load_module(module, device=self.context.model.device)
+            load_module(module, self.context.model.device)
         return time.perf_counter() - start
 
     def _capture(self) -> wp.Graph:

@@ -15,8 +15,8 @@ LINE_EVERY = 10.0
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
-    """Gives a function of how many are done, of how many. What it says goes to stderr."""
+def progress_bar(title: str) -> Iterator[Callable[..., None]]:
+    """Gives a function of how many are done, of how many, and of what is being done. What it says goes to stderr."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield _lines(title)
@@ -24,14 +24,16 @@ def progress_bar(title: str) -> Iterator[Callable[[int, int], None]]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task(title, total=None)
-        yield lambda done, of: progress.update(task, completed=done, total=of)
+        yield lambda done, of, doing="": progress.update(
+            task, completed=done, total=of, description=f"{title} {doing}".strip()
+        )
 
 
-def _lines(title: str, clock: Callable[[], float] = time.monotonic) -> Callable[[int, int], None]:
+def _lines(title: str, clock: Callable[[], float] = time.monotonic) -> Callable[..., None]:
     """Prints a line where the last one, or the start, was ten seconds ago."""
     start = last = clock()
 
-    def advance(done: int, of: int) -> None:
+    def advance(done: int, of: int, doing: str = "") -> None:
         nonlocal last
         now = clock()
         if now - last < LINE_EVERY:

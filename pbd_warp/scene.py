@@ -19,7 +19,7 @@ import pbd_warp.scenes
 from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.model.builder import ModelBuilder
-from pbd_warp.settings import Settings
+from pbd_warp.settings import Settings, frame_length
 
 
 @dataclass(frozen=True, init=False)
@@ -59,7 +59,7 @@ class Scene:
         **changes: Any,
     ):
         if fps is not None:
-            changes["dt"] = 1.0 / check.number("fps", fps, above=0.0)
+            changes["dt"] = frame_length("fps", fps)
         values = {
             "builder": builder,
             "frames": frames,

@@ -14,6 +14,13 @@ from pbd_warp.step.divergence import Limits
 from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, GaussSeidel, Jacobi, Method
 
+SHORTEST, LONGEST = 1e-9, 1e6
+"""Of a frame [s]: what single precision can still count in."""
+
+MOST_SUBSTEPS = 1_000_000
+MOST_CONTACTS = 1 << 28
+"""Far beyond what is of use, and below where counting in 32 bits ends."""
+
 AUTO = "auto"
 """Of substeps: as many as `error` asks for."""
 
@@ -72,14 +79,14 @@ class Settings:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("dt", check.number("dt", self.dt, above=0.0))
+        put("dt", check.number("dt", self.dt, low=SHORTEST, high=LONGEST))
         put("method", _method(self.method))
         if self.integrator not in (*INTEGRATORS, *EXPLICIT):
             raise unknown("integrator", self.integrator, (*INTEGRATORS, *EXPLICIT))
         self._put_steps(put)
         put("damping", check.number("damping", self.damping, low=0.0, high=1.0))
         if self.max_contacts is not None:
-            put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1))
+            put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1, high=MOST_CONTACTS))
         if self.depenetration_speed is not None:
             put("depenetration_speed", check.number("depenetration_speed", self.depenetration_speed, above=0.0))
         if not isinstance(self.limits, Limits):
@@ -94,7 +101,7 @@ class Settings:
     def _put_steps(self, put: Callable[[str, Any], None]) -> None:
         """Whether substeps, error, integrator and method go together."""
         if not isinstance(self.substeps, str):
-            put("substeps", check.whole("substeps", self.substeps, low=1))
+            put("substeps", check.whole("substeps", self.substeps, low=1, high=MOST_SUBSTEPS))
             if self.error is not None:
                 raise InputError("error is what substeps='auto' keeps: say so, or leave error out")
         elif self.substeps != AUTO:
@@ -117,7 +124,7 @@ class Settings:
         return self.substeps == AUTO
 
     @property
-    def whole_substeps(self) -> int:
+    def steps_a_frame(self) -> int:
         """Steps in a frame; 1, the least, where they are "auto"."""
         return 1 if isinstance(self.substeps, str) else self.substeps
 
@@ -129,7 +136,7 @@ class Settings:
     @property
     def step_dt(self) -> float:
         """Length of a step [s], the longest where they are "auto"."""
-        return self.dt / self.whole_substeps
+        return self.dt / self.steps_a_frame
 
     def changed(self, **changes: Any) -> Settings:
         """These settings with others in their place. What another integrator does not take is left out unless it is
@@ -212,6 +219,11 @@ class Settings:
         steps = f"an error of {self.error:g} m/s" if self.auto else f"{self.substeps} substeps"
         method = "" if self.integrator in EXPLICIT else f"{self.method}, "
         return f"{method}integrator {self.integrator!r} and {steps}"
+
+
+def frame_length(name: str, fps: Any) -> float:
+    """dt [s] of so many frames a second; `name` is what they are called in an error."""
+    return 1.0 / check.number(name, fps, low=1.0 / LONGEST, high=1.0 / SHORTEST)
 
 
 NAMES = tuple(field.name for field in fields(Settings))

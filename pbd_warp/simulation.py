@@ -11,6 +11,7 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from pbd_warp import retry
+from pbd_warp.built import BuiltForSettings
 from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import SimulationFailed
 from pbd_warp.failure import failed
@@ -22,9 +23,11 @@ from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
 from pbd_warp.readings import Readings
 from pbd_warp.settings import Settings
 from pbd_warp.step.kinematic import KinematicParticles
+from pbd_warp.step.launch import not_while_recording
 
 
-class Simulation(Readings, Playable):
+@not_while_recording("__init__", "reset", "restore", "continue_with", "grab", "move_to", "release", "lead", "_retry")
+class Simulation(BuiltForSettings, Readings, Playable):
     """Runs a model, frame by frame.
 
     Args:
@@ -102,15 +105,7 @@ class Simulation(Readings, Playable):
         return other
 
     def save(self, path: str | Path, extra: Mapping[str, Any] | None = None) -> None:
-        """Write a checkpoint; the file appears when it is complete.
-
-        Args:
-            extra: What the caller wants to find there again; anything that JSON can hold.
-
-        Raises:
-            InputError: the folder does not exist or cannot be written to.
-            SimulationFailed: the disk is full, or failed otherwise; an older file of that name is still there.
-        """
+        """Write a checkpoint; see `Checkpoint.write`. extra: What the caller wants to find there again, as JSON."""
         arrays = {name: array.numpy() for name, array in self._context.arrays.items()}
         progress = {"frame": self.frame, "retried": self.retried, "kinematic": self._kinematic.memory}
         Checkpoint(self._given_model, self.settings, progress, arrays, dict(extra or {})).write(path)
@@ -183,7 +178,7 @@ class Simulation(Readings, Playable):
         self._loop.forget_steps()
 
     def move_to(self, position: ArrayLike) -> None:
-        """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over the substeps, to
+        """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over its steps, to
         round-off."""
         self._kinematic.move_held(self.frame, position)
 
@@ -194,7 +189,7 @@ class Simulation(Readings, Playable):
             self._loop.forget_steps()
 
     def lead(self, particles: ArrayLike, positions: ArrayLike) -> None:
-        """Where fixed particles are at the end of the next frame; they get there evenly over the substeps, to
+        """Where fixed particles are at the end of the next frame; they get there evenly over its steps, to
         round-off, and rest there unless they are led on.
 
         Args:
@@ -245,9 +240,10 @@ class Simulation(Readings, Playable):
         self._loop.restart()
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
-        checkpoint.fill(self._context.arrays, path)
+        memory = self._kinematic.checked(checkpoint.progress["kinematic"])
+        checkpoint.fill(self._context.arrays, self._context.fixed, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
-        self._kinematic.restore(checkpoint.progress["kinematic"])
+        self._kinematic.restore(memory)
 
     def _snapshot(self) -> Snapshot:
         x, v, w = (array.numpy().astype(np.float64) for array in (self.state.x, self.state.v, self._context.w))

@@ -275,9 +275,10 @@ def test_a_resumed_run_remembers_the_hand(tmp_path, every):
         (["--resume"], "name it with --checkpoint FILE"),
         (["--resume", "--checkpoint", "none.npz"], "there is no checkpoint none.npz"),
         (["--checkpoint", "c.npz", "--every", "0"], "every must be at least 1, not 0"),
+        (["--every", "-1"], "every must be at least 1, not -1"),
         (["--checkpoint", "nowhere/c.npz"], "nowhere does not exist"),
-        (["--checkpoint", "."], "checkpoint . is a folder"),
-        (["--checkpoint", "rope.usda"], "checkpoint and output are the same file rope.usda"),
+        (["--checkpoint", "."], ". is a folder; name a file in it"),
+        (["--checkpoint", "rope.usda"], "--out and --checkpoint are both rope.usda: name another file"),
         (["--on-failure", "pray"], "unknown on_failure 'pray'"),
     ],
 )
@@ -312,7 +313,7 @@ def test_a_checkpoint_of_another_drag_or_of_no_run_is_refused(tmp_path):
     for hand in (2, -1):
         result = call(*kept, "--frames", 12, "--resume", "--set", f"hand={hand}", cwd=tmp_path)
         assert result.returncode == 2
-        assert "was left under another drag" in last_line(result.stderr)
+        assert "checkpoint c.npz is of another run, whose drags differ" in last_line(result.stderr)
     pbd.Simulation.load(tmp_path / "c.npz").save(tmp_path / "c.npz")
     result = call(*kept, "--frames", 12, "--resume", cwd=tmp_path)
     assert result.returncode == 2

@@ -2,7 +2,7 @@
 
 import errno
 import os
-import pathlib
+import tempfile
 
 import numpy as np
 import pytest
@@ -257,10 +257,10 @@ def test_what_is_not_finite_is_not_written(tmp_path):
 
 
 def test_a_folder_that_cannot_be_written_to(tmp_path, monkeypatch):
-    def refuse(self):
+    def refuse(**arguments):
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
-    monkeypatch.setattr(pathlib.Path, "touch", refuse)
+    monkeypatch.setattr(tempfile, "TemporaryFile", refuse)
     with pytest.raises(pbd.InputError, match="cannot be written to: Permission denied"):
         pbd.UsdWriter(tmp_path / "a.usda", rope_model())
 

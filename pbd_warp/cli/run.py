@@ -25,34 +25,33 @@ from pbd_warp.cli.options import (
     SceneName,
     Seed,
     Set,
+    scene_file,
     scene_with,
     takes_settings,
 )
-from pbd_warp.cli.terminal import complain, interruptible, one_sentence
+from pbd_warp.cli.terminal import interruptible, one_sentence, tell, warn
 from pbd_warp.errors import InputError
+from pbd_warp.figures import RunStats
 from pbd_warp.grab.recording import Recording
+from pbd_warp.paths import animation_files, check_apart, check_file
 from pbd_warp.player.motion import EXTENSIONS
 from pbd_warp.player.writer import check_player_path
 from pbd_warp.preflight import PreflightWarning
 from pbd_warp.progress import progress_bar
-from pbd_warp.run import Checkpoints, Hooks, RunStats, run
+from pbd_warp.run import Checkpoints, Hooks, run
 from pbd_warp.scene import Scene
 from pbd_warp.usd.writer import EXTENSIONS as STAGES
 from pbd_warp.usd.writer import check_path
 
 
-@command(
-    "run",
-    "run rope --out rope.html",
-    "run chain --set links=50 --out chain.usdc",
-    "run my_scene.py --frames 120 --fps 30",
-)
+@command("run", "run rope --out rope.html", "run chain --set links=50 --out chain.usdc", "run my_scene.py --fps 30")
 @takes_settings
 def run_scene(
     scene: SceneName,
     out: Annotated[
-        Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc, .usd; .html, .mp4 or .gif to look at.")
+        Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc, .usd; .html, .mp4, .gif to look at.")
     ] = None,
+    up: Annotated[str, typer.Option(help="Axis that is up in the file: y or z.")] = "y",
     frames: Frames = None,
     device: Device = None,
     dtype: Dtype = None,
@@ -82,7 +81,7 @@ def run_scene(
             row = _pick_for(built, accuracy)
             dtype = row.dtype
             built = built.changed(settings=row.apply(built.settings))
-            typer.echo(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
+            tell(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
         recording = None
         if drags is not None:
             if changes or any(given is not None for given in (dtype, seed, set_ or None, accuracy)):
@@ -91,15 +90,15 @@ def run_scene(
             length = recording.frames if frames is None else check.whole("frames", frames, low=1)
             built, dtype = recording.load_scene(scene).changed(frames=length), recording.dtype
         path = check_out(out if out is not None else Path(f"{built.name}.usda"))
-        if stats is not None:
-            check.folder(stats.parent)
+        reads = {"the scene": scene_file(scene), "--drags": [drags] if drags is not None else []}
+        check_apart(reads, written(path, checkpoint, stats))
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
             hooks = replace(hooks, on_drawn=lambda done, of: (advance(done, of), stop_if_asked()))
-            result = run(built, path, device, dtype or "float32", hooks, recording)
+            result = run(built, path, device, dtype or "float32", hooks, recording, up.upper())
         if stats is not None:
             result.save(stats)
-        typer.echo(table(result))
+        tell(table(result))
 
 
 def check_out(out: Path) -> Path:
@@ -127,19 +126,34 @@ def _pick_for(scene: Scene, accuracy: float) -> Row:
     return row
 
 
+def written(out: Path, checkpoint: Path | None, stats: Path | None) -> dict[str, list[Path]]:
+    """The files that a run writes, by their options.
+
+    Raises:
+        InputError: one that cannot be written.
+    """
+    single = {"--checkpoint": checkpoint, "--stats": stats}
+    return {"--out": animation_files(out)} | {
+        option: [check_file(path)] for option, path in single.items() if path is not None
+    }
+
+
 def hooks_of(checkpoint: Path | None, every: int, resume: bool, on_frame: Callable[[int], object]) -> Hooks:
     """What the command line asks of a run on its way."""
+    check.whole("--every", every, low=1)
     if resume and checkpoint is None:
         raise InputError("--resume goes on from a checkpoint: name it with --checkpoint FILE")
     return Hooks(
         on_frame=on_frame,
-        on_warning=warn,
+        on_start=warn,
+        on_warning=foretell,
         checkpoints=Checkpoints(checkpoint, every, resume) if checkpoint is not None else None,
     )
 
 
-def warn(warning: PreflightWarning) -> None:
-    complain([f"known to fail: {warning.text}", f"helps: {warning.remedy} (test: {warning.test})"])
+def foretell(warning: PreflightWarning) -> None:
+    """Say what is known to fail."""
+    warn(f"known to fail: {warning.text}", f"helps: {warning.remedy} (test: {warning.test})")
 
 
 def pace(stats: RunStats) -> str:

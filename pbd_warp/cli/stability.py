@@ -9,9 +9,10 @@ import typer
 
 from pbd_warp import check
 from pbd_warp.accuracy.plot import check_picture
+from pbd_warp.atomic import write_text
 from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Debug
-from pbd_warp.cli.terminal import interruptible, one_sentence
+from pbd_warp.cli.terminal import interruptible, one_sentence, tell
 from pbd_warp.errors import Interrupted
 from pbd_warp.progress import progress_bar
 from pbd_warp.scene import references
@@ -59,5 +60,5 @@ def stability(
             except KeyboardInterrupt:
                 kept = f"; {', '.join(m.map.name for m in atlas)} in {out}" if atlas else ""
                 raise Interrupted(f"interrupted after {len(atlas)} of {len(maps)} maps{kept}") from None
-        (out / "README.md").write_text(page(atlas), encoding="utf-8")
-        typer.echo(f"{len(atlas)} maps, {cells} cells: {out / 'README.md'}")
+        write_text(out / "README.md", page(atlas))
+        tell(f"{len(atlas)} maps, {cells} cells: {out / 'README.md'}")

@@ -12,11 +12,22 @@ from typing import Annotated, Any
 
 import typer
 
-from pbd_warp import check
 from pbd_warp.cli.app import command
-from pbd_warp.cli.options import Debug, Device, Dtype, SceneName, Seed, Set, parameters_of, scene_with, takes_settings
+from pbd_warp.cli.options import (
+    Debug,
+    Device,
+    Dtype,
+    SceneName,
+    Seed,
+    Set,
+    parameters_of,
+    scene_file,
+    scene_with,
+    takes_settings,
+)
 from pbd_warp.cli.terminal import one_sentence
 from pbd_warp.errors import InputError
+from pbd_warp.paths import check_apart, check_file
 from pbd_warp.view.session import Session
 
 
@@ -45,9 +56,7 @@ def view(
         if not 0 <= port <= 65535:
             raise InputError(f"--port must be in 0..65535, not {port}")
         if record is not None:
-            check.folder(record.parent)
-            if record.is_dir():
-                raise InputError(f"{record} is a folder; name a file in it")
+            check_apart({"the scene": scene_file(scene)}, {"--record": [check_file(record)]})
         built = scene_with(scene, changes, seed, set_)
         session = Session(built, scene, device, dtype or "float32", seed, parameters_of(set_))
         asyncio.run(_serve(session, host, port, no_open, record))

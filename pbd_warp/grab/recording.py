@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -12,13 +11,13 @@ from typing import Any
 import numpy as np
 
 from pbd_warp import check
-from pbd_warp.atomic import replacing
+from pbd_warp.atomic import write_text
 from pbd_warp.errors import InputError
 from pbd_warp.grab.drag import GESTURES
 from pbd_warp.grab.grabber import Grabber
 from pbd_warp.model.model import Model
 from pbd_warp.scene import Scene, load_scene
-from pbd_warp.settings import Settings
+from pbd_warp.settings import Settings, frame_length
 from pbd_warp.simulation import Simulation
 
 CHANGE = "settings"
@@ -65,8 +64,7 @@ class Recording:
         # An event a line, so that the file can be read and compared.
         lines = ",\n  ".join(json.dumps(event) for event in self.events_as_json())
         text = json.dumps({**header, "events": []}, indent=1).replace('"events": []', f'"events": [\n  {lines}\n ]')
-        with replacing(path, path.with_name(f".{path.name}.{os.getpid()}")) as temporary:
-            temporary.write_text(text + "\n")
+        write_text(path, text + "\n")
 
     @classmethod
     def load(cls, path: Path, scene: str | None = None) -> Recording:
@@ -163,18 +161,22 @@ class Replay:
 
     @property
     def memory(self) -> dict[str, Any]:
-        """For a checkpoint: the events, and how many of them are done."""
-        return {"events": self._recording.events_as_json(), "next": self._next}
+        """For a checkpoint: how many of the events are done."""
+        return {"next": self._next}
+
+    @property
+    def script(self) -> list[Any]:
+        """All events."""
+        return self._recording.events_as_json()
 
     def resume(self, memory: dict[str, Any], sim: Simulation) -> Simulation:
         """Go on from a checkpoint, with the settings in force there.
 
         Raises:
-            InputError: the checkpoint is of another recording.
+            InputError: this recording would not have left that.
         """
-        if not isinstance(memory, dict) or memory.get("events") != self._recording.events_as_json():
-            raise InputError("the checkpoint was left under other drags: start from the beginning, or with those")
-        self._next = memory["next"]
+        done = memory.get("next") if isinstance(memory, dict) else None
+        self._next = check.whole("events done before the checkpoint", done, low=0, high=len(self._recording.events))
         changes = [value for _, what, value in self._recording.events[: self._next] if what == CHANGE]
         if changes:
             sim = Simulation(self._model, changes[-1])
@@ -203,7 +205,7 @@ def _upgraded(data: dict[str, Any], scene: str | None) -> dict[str, Any]:
     """What version 0.1 wrote, which had only those settings that the view could change."""
     data = dict(data)
     data["parameters"] = data.pop("scene_settings")
-    dt = 1.0 / check.number("fps", data.pop("fps"), above=0.0)
+    dt = frame_length("fps", data.pop("fps"))
     rest = interactive(load_scene(scene or data["scene"], data["seed"], data["parameters"]).settings)
     whole = json.loads(json.dumps(rest.changed(dt=dt).to_json()))
     data["settings"] = {**whole, **data["settings"]}

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from pbd_warp import check
+from pbd_warp import check, kernel_cache
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.kernels.collider import PLANE, SPHERE
 from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
@@ -287,6 +287,7 @@ def components(edge: np.ndarray, particle_count: int) -> np.ndarray:
 
 def find_device(device: str | wp.Device | None) -> wp.Device:
     """The Warp device of that name, or an InputError that lists those there are."""
+    kernel_cache.begin()
     if device is None:
         return wp.get_preferred_device()
     names = [d.alias for d in wp.get_devices()]

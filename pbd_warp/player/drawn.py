@@ -9,7 +9,8 @@ import numpy as np
 
 from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.model.model import Model
-from pbd_warp.usd.writer import flattest_axis, loose_edges, shown_widths
+from pbd_warp.usd.surroundings import flattest_axis
+from pbd_warp.usd.writer import loose_edges, shown_widths
 from pbd_warp.view.surroundings import EDGE_WIDTH, FLAT, GROUND_GAP, ROPE_WIDTH, plane_polygons
 
 

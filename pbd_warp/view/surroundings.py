@@ -8,7 +8,8 @@ import numpy as np
 
 from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.model.model import Model
-from pbd_warp.usd.writer import flattest_axis, loose_edges, shown_widths
+from pbd_warp.usd.surroundings import flattest_axis
+from pbd_warp.usd.writer import loose_edges, shown_widths
 
 ROPE_WIDTH, EDGE_WIDTH = 0.55, 0.35
 """Of links, relative to the particles they join: the particles are seen along them."""
