@@ -219,6 +219,7 @@ def _make_frames(
         constraints=sim.model.constraint_count,
         out=str(out),
         unconverged=progress.unconverged,
+        stretched_frames=progress.stretched_frames,
         retried=sim.retried,
         wall_s=time.perf_counter() - began + compile_seconds,
         real_time_factor=(scene.frames - 1) / scene.fps / progress.wall if progress.wall else None,

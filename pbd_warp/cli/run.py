@@ -177,6 +177,8 @@ def table(stats: RunStats) -> str:
         "energy": f"{lost:+.4g} J since the start, {stats.energy_end:.4g} J at the end (0: at rest at y = 0)",
         "file": f"{stats.out}, {size / 1024:.0f} KiB",
     }
+    if stats.stretched_frames:
+        rows["stretched"] = f"{stats.stretched_frames} frames in which a link was more than 10 % off its length"
     if stats.unconverged is not None:
         rows["converged"] = f"all but {stats.unconverged} steps" if stats.unconverged else "every step"
     if stats.retried:
