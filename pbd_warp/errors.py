@@ -21,10 +21,14 @@ class PbdError(Exception):
         finding = f"{self.what} {where}" if where else self.what
         super().__init__("; ".join(part for part in (finding, remedy, kept) if part))
 
+    def keeping(self, kept: str) -> PbdError:
+        """The same error, which also says what is kept; nothing new where `kept` is empty."""
+        return type(self)(self.what, where=self.where, remedy=self.remedy, kept=kept or self.kept)
+
     @property
     def lines(self) -> list[str]:
         """What it was, and then a line for each of the others that there is something to say of."""
-        others = {"where": self.where, "helps": self.remedy, "kept": self.kept}
+        others = {"where": self.where.removeprefix("with "), "helps": self.remedy, "kept": self.kept}
         return [self.what, *(f"{name}: {text}" for name, text in others.items() if text)]
 
 

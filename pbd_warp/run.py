@@ -235,4 +235,4 @@ def report_saved_frames(writer: Writer) -> Iterator[None]:
         kept = f"the {writer.frames} frames so far are in {writer.saved}" if writer.saved else ""
         if isinstance(error, KeyboardInterrupt):
             raise Interrupted("interrupted", kept=kept) from error
-        raise SimulationFailed(error.what, where=error.where, remedy=error.remedy, kept=kept or error.kept) from error
+        raise error.keeping(kept) from error

@@ -145,7 +145,7 @@ def test_a_simulation_that_diverges_says_so_and_keeps_its_frames(tmp_path):
     assert max(map(len, lines)) < 250
     for part in (
         "particle 0 has left the finite numbers",
-        "with Jacobi(iterations=20",
+        "where: Jacobi(iterations=20",
         "use more substeps",
         "far.usda",
     ):

@@ -8,17 +8,17 @@ import tempfile
 
 import warp as wp
 
-LOUD = ("--debug", "cuda")
+LOUD = ("--debug", "--device")
 """Words of a command line that ask for what Warp says: why a GPU cannot be had, for one."""
 
 
 def start_warp(arguments: list[str]) -> None:
-    """Start Warp, quietly unless the command asks for a GPU or for details.
+    """Start Warp, quietly unless the command names a device or asks for details.
 
-    That there is no CUDA driver is printed by Warp's library, past Python: so the file descriptor itself is another one
+    That there is no GPU is printed by Warp's library, past Python: so the file descriptor itself is another one
     for that long. Whatever else was printed there comes out afterwards.
     """
-    if any(word in argument for argument in arguments for word in LOUD):
+    if any(argument.startswith(LOUD) for argument in arguments):
         return
     wp.config.log_level = wp.LOG_ERROR
     sys.stderr.flush()
@@ -32,5 +32,5 @@ def start_warp(arguments: list[str]) -> None:
             os.close(stderr)
         said.seek(0)
         for line in said.read().decode(errors="replace").splitlines():
-            if "CUDA driver" not in line:
+            if "Warp" not in line:
                 print(line, file=sys.stderr)
