@@ -280,6 +280,7 @@ def test_a_resumed_run_remembers_the_hand(tmp_path, every):
         (["--checkpoint", "."], ". is a folder; name a file in it"),
         (["--checkpoint", "rope.usda"], "--out and --checkpoint are both rope.usda: name another file"),
         (["--on-failure", "pray"], "unknown on_failure 'pray'"),
+        (["--out", "r.html", "--checkpoint", "c.npz"], "r.html cannot be gone on with"),
     ],
 )
 def test_checkpoints_that_cannot_be(tmp_path, arguments, message):
@@ -318,3 +319,17 @@ def test_a_checkpoint_of_another_drag_or_of_no_run_is_refused(tmp_path):
     result = call(*kept, "--frames", 12, "--resume", cwd=tmp_path)
     assert result.returncode == 2
     assert "was not left by a run" in last_line(result.stderr)
+
+
+def test_what_a_run_writes_to_look_at_and_what_play_makes_of_its_stage_are_the_same_motion(tmp_path):
+    for name in ("r.html", "r.usda"):
+        assert call("run", "rope", "--frames", 8, "--out", name, cwd=tmp_path).returncode == 0
+    played = call("play", "r.usda", "--out", "p.html", cwd=tmp_path)
+    assert played.stdout == "8 frames: p.html\n"
+    pages = [(tmp_path / name).read_text() for name in ("r.html", "p.html")]
+    first, second = (json.loads(page.partition('id="scene">')[2].partition("</script>")[0]) for page in pages)
+    assert first["frames"] == second["frames"] == 8
+    assert first["fps"] == second["fps"]
+    np.testing.assert_allclose(first["low"], second["low"], atol=1e-6)
+    refused = call("play", "none.usda", cwd=tmp_path)
+    assert (refused.returncode, refused.stderr) == (2, "pbd-warp: there is no file none.usda\n")

@@ -32,5 +32,5 @@ def start_warp(arguments: list[str]) -> None:
             os.close(stderr)
         said.seek(0)
         for line in said.read().decode(errors="replace").splitlines():
-            if "Warp" not in line:
+            if "GPU execution will not be available" not in line:
                 print(line, file=sys.stderr)
