@@ -104,7 +104,7 @@ def test_the_page_scrubs_between_frames_and_steps(opened):
     )
     shown.locator("#stage").focus()
     shown.keyboard.press("ArrowRight")
-    assert frame_of(shown) == 14
+    assert frame_of(shown) == 13
     shown.keyboard.press("Home")
     assert frame_of(shown) == 0
 
