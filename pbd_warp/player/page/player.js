@@ -180,7 +180,7 @@ window.pbd = {
   get frames() { return scene.frames; },
   get positions() { return Array.from(x); },
   get stretch() { return stretch; },
-  get camera() { return camera.describe(); },
+  get camera() { return { eye: camera.eye, forward: camera.forward }; },
   go,
 };
 
