@@ -24,6 +24,8 @@ class RunStats:
     unconverged: Steps that ended above the method's tolerance, None where it has none.
     stretched_frames: Frames that ended with a rigid link more than 10 % off its length: more than the method could do.
     retried: Frames that were made again after a failure (`on_failure`).
+    wall_s: The whole run [s], compiling included; since it was resumed, if it was.
+    real_time_factor: Simulated time over that of simulating it; None of a single frame.
     """
 
     scene: str
@@ -46,6 +48,8 @@ class RunStats:
     unconverged: int | None
     stretched_frames: int
     retried: int
+    wall_s: float
+    real_time_factor: float | None
 
     def save(self, path: Path) -> None:
         """Write them as JSON, whole or not at all (SimulationFailed)."""

@@ -31,4 +31,4 @@ def tried(settings: Settings) -> str:
     if settings.on_failure not in ("subdivide", "fallback"):
         return ""
     names = ", ".join(name for name, _ in attempts(settings)) or f"nothing more robust than {FALLBACKS[-1]!r}"
-    return f"; tried without success: {names}"
+    return f"tried without success: {names}"

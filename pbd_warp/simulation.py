@@ -1,4 +1,4 @@
-"""A model in motion, frame by frame, and everything that one does with it."""
+"""A model in motion, frame by frame, and everything that one does with it; readings.py is what one reads off it."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ from numpy.typing import ArrayLike
 from pbd_warp import retry
 from pbd_warp.built import BuiltForSettings
 from pbd_warp.checkpoint import Checkpoint
-from pbd_warp.errors import InputError, SimulationFailed
-from pbd_warp.failure import describe
-from pbd_warp.forces import Forces, constraint_forces
-from pbd_warp.inspected import Inspected
+from pbd_warp.errors import SimulationFailed
+from pbd_warp.failure import failed
 from pbd_warp.loop import Loop
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
+from pbd_warp.player.playable import Playable
 from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
+from pbd_warp.readings import Readings
 from pbd_warp.settings import Settings
 from pbd_warp.step.launch import not_while_recording
-from pbd_warp.step.methods.direct import DirectSolver
 from pbd_warp.step.moved import MovedParticles
 
 
 @not_while_recording("__init__", "reset", "restore", "continue_with", "grab", "move_to", "release", "lead", "_retry")
-class Simulation(BuiltForSettings, Inspected):
+class Simulation(BuiltForSettings, Readings, Playable):
     """Runs a model, frame by frame.
 
     Args:
@@ -76,11 +75,11 @@ class Simulation(BuiltForSettings, Inspected):
         if failure is None:
             return
         if failure[0] == "contacts":  # which no retry would help
-            raise SimulationFailed(f"{self._when}: {describe(self._snapshot(), failure)}")
+            raise failed(self._when, self._snapshot(), failure)
         if not self._retry():
-            sentence = describe(self._snapshot(), failure)
+            error = failed(self._when, self._snapshot(), failure, retry.tried(self.settings))
             self._loop.monitor.restart()  # the next frame, of a state that was put right, is judged by itself
-            raise SimulationFailed(f"{self._when}: {sentence}{retry.tried(self.settings)}")
+            raise error
         self.retried += 1
 
     def reset(self) -> None:
@@ -162,29 +161,6 @@ class Simulation(BuiltForSettings, Inspected):
     def point_target(self) -> wp.array | None:
         """Targets of the point constraints [m], Warp array [point_count]; may be written between frames."""
         return self._context.point_target
-
-    @property
-    def forces(self) -> Forces:
-        """What constraints carried in the last step: tensions, reactions, contact forces. Reads them from the device.
-
-        Raises:
-            InputError: the method keeps no multipliers; `Direct` does.
-        """
-        solver = self._loop.solver
-        if not isinstance(solver, DirectSolver):
-            raise InputError(f"forces are known with method 'direct', not with {self.settings.method}")
-        x, w = (array.numpy().astype(np.float64) for array in (self.state.x, self._context.w))
-        return constraint_forces(self.model, solver, x, w)
-
-    @property
-    def tension(self) -> np.ndarray:
-        """Force along each distance in the last step [N], pull positive, float64 [distance_count]; see `forces`."""
-        return self.forces.tension
-
-    @property
-    def reaction(self) -> np.ndarray:
-        """Of what holds a particle, on that particle [N], float64 [particle_count, 3]; see `forces`."""
-        return self.forces.reaction
 
     @property
     def held(self) -> int | None:

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import (
     Debug,
     Device,
@@ -32,7 +32,7 @@ from pbd_warp.view.server import ViewServer
 from pbd_warp.view.session import Session
 
 
-@app.command()
+@command("view", "view rope", "view rope --record drags.json", "view my_scene.py --no-open")
 @takes_settings
 def view(
     scene: SceneName,

@@ -1,18 +1,36 @@
-"""What a simulation can be asked of itself: what a frame launches and holds, and how the last one went."""
+"""What one reads off a simulation between frames."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from pbd_warp.errors import InputError
+from pbd_warp.forces import Forces, constraint_forces
 from pbd_warp.loop import Loop
+from pbd_warp.model.model import Model, State
+from pbd_warp.settings import Settings
 from pbd_warp.step.context import Context
+from pbd_warp.step.methods.direct import DirectSolver
 
 
-class Inspected:
-    """Part of `Simulation`."""
+class Readings:
+    """The part of `Simulation` that changes nothing. All arrays are copies."""
 
+    model: Model
+    settings: Settings
+    state: State
     _loop: Loop
     _context: Context
+
+    @property
+    def positions(self) -> np.ndarray:
+        """Now [m], shape [particle_count, 3], in the precision of the simulation."""
+        return self.state.x.numpy().copy()
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """Now [m/s], shape [particle_count, 3], in the precision of the simulation."""
+        return self.state.v.numpy().copy()
 
     @property
     def compile_seconds(self) -> float:
@@ -41,6 +59,29 @@ class Inspected:
     def unconverged(self) -> int | None:
         """Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None without one."""
         return self._loop.unconverged
+
+    @property
+    def forces(self) -> Forces:
+        """What constraints carried in the last step: tensions, reactions, contact forces. Reads them from the device.
+
+        Raises:
+            InputError: the method keeps no multipliers; `Direct` does.
+        """
+        solver = self._loop.solver
+        if not isinstance(solver, DirectSolver):
+            raise InputError(f"forces are known with method 'direct', not with {self.settings.method}")
+        x, w = (array.numpy().astype(np.float64) for array in (self.state.x, self._context.w))
+        return constraint_forces(self.model, solver, x, w)
+
+    @property
+    def tension(self) -> np.ndarray:
+        """Force along each distance in the last step [N], pull positive, float64 [distance_count]; see `forces`."""
+        return self.forces.tension
+
+    @property
+    def reaction(self) -> np.ndarray:
+        """Of what holds a particle, on that particle [N], float64 [particle_count, 3]; see `forces`."""
+        return self.forces.reaction
 
     @property
     def passes(self) -> list[str]:
