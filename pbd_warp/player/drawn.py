@@ -11,7 +11,7 @@ from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.model.model import Model
 from pbd_warp.usd.surroundings import flattest_axis
 from pbd_warp.usd.writer import loose_edges, shown_widths
-from pbd_warp.view.surroundings import EDGE_WIDTH, FLAT, GROUND_GAP, ROPE_WIDTH, plane_polygons
+from pbd_warp.view.surroundings import EDGE_WIDTH, FLAT, ROPE_WIDTH, UPRIGHT, plane_polygons, wall
 
 
 @dataclass(frozen=True)
@@ -62,17 +62,18 @@ class Drawn:
         flattest = flattest_axis(size)
         axis = flattest if size[flattest] <= FLAT * max(size.max(), 1e-3) else None
         planes = plane_polygons(self.plane_point, self.plane_normal, low, high, axis)
-        corners = np.concatenate([low[None], *planes])
+        level = self.plane_point[self.plane_normal[:, 1] > UPRIGHT, 1]
         return {
             "radius": self.radius.tolist(),
             "fixed": self.fixed.tolist(),
             "links": self.links.tolist(),
             "link_radius": self.link_radius.tolist(),
             "rest_length": self.rest_length.tolist(),
-            "planes": [polygon.tolist() for polygon in planes],
+            "planes": [polygon.tolist() for polygon, _ in planes],
+            "walls": [wall(polygon, n, low, high, axis).tolist() for polygon, n in planes if axis is not None],
             "spheres": self.spheres.tolist(),
             "low": low.tolist(),
             "high": high.tolist(),
-            "ground": float(corners[:, 1].min() - GROUND_GAP * (high - low).max()),
+            "ground": float(level.max()) if len(level) and axis is None else None,
             "axis": axis,
         }

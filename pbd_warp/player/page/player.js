@@ -1,7 +1,8 @@
 // Plays the frames that are in this page. Between two frames it goes on evenly.
 
 import { Camera } from "./camera.js";
-import { Stage } from "./draw.js";
+import { Drawing, THEMES } from "./draw.js";
+import { onSchemeChange, scheme } from "./theme.js";
 
 const $ = (id) => document.getElementById(id);
 const scene = JSON.parse($("scene").textContent);
@@ -12,7 +13,7 @@ const camera = new Camera();
 const pointers = new Map(); // id: where it was
 const x = new Float32Array(count); // as shown
 let frames = null;
-let stage = null;
+let drawing = null;
 let at = 0; // the frame shown, a fraction between two
 let playing = false;
 let before = null; // time of the last animation frame [ms]
@@ -68,7 +69,7 @@ function animate(now) {
   $("legend").hidden = scale === 0;
   $("legend-low").textContent = `−${+(100 * scale).toPrecision(1)} %`;
   $("legend-high").textContent = `+${+(100 * scale).toPrecision(1)} %`;
-  stage.draw(camera, x, -1, scale);
+  drawing.draw(camera, x, -1, scale);
   drawn++;
 }
 
@@ -157,14 +158,15 @@ async function start() {
   $("legend-of").textContent = `of ${scene.stretch_from}`;
   $("time").max = last;
   try {
-    stage = new Stage(canvas);
+    drawing = new Drawing(canvas, THEMES[scheme()]);
+    onSchemeChange(() => { drawing.paint(THEMES[scheme()]); stale = true; });
     frames = await unpack();
   } catch (error) {
     $("trouble").textContent = `This page cannot be shown here: ${error.message}`;
     $("trouble").hidden = false;
     return;
   }
-  stage.load(scene);
+  drawing.load(scene);
   resize();
   new ResizeObserver(resize).observe(canvas);
   go(0);
