@@ -3,8 +3,8 @@
     python benchmarks/frames.py
 
 1. rope, worm and point: a frame in C (frame.c, compiled by `gcc -O3 -march=native -ffast-math`), fused, 20 fused
-   ones in one call, and replayed. All begin at the same moment of the scene, in its swing; all are timed in turn, round by
-   round, and each is given by its median. That C and ours arrive at the same place is checked first.
+   ones in one call, and replayed. All begin at the same moment of the scene, in its swing; all are timed in turn,
+   round by round, and each is given by its median. That C and ours arrive at the same place is checked first.
 2. collision: no C, but microseconds.
 3. Where a grid begins to pay: a frame of spheres in a box, each pair looked at, and with a grid.
 4. Whether launches ever pay on this device: ropes of 100 links, fused and replayed.

@@ -22,7 +22,10 @@ class RunStats:
     """What a run was and how it went; the fields are the keys of `--stats FILE.json`.
 
     unconverged: Steps that ended above the method's tolerance, None where it has none.
+    stretched_frames: Frames that ended with a rigid link more than 10 % off its length: more than the method could do.
     retried: Frames that were made again after a failure (`on_failure`).
+    wall_s: The whole run [s], compiling included; since it was resumed, if it was.
+    real_time_factor: Simulated time over that of simulating it; None of a single frame.
     """
 
     scene: str
@@ -43,7 +46,10 @@ class RunStats:
     constraints: int
     out: str
     unconverged: int | None
+    stretched_frames: int
     retried: int
+    wall_s: float
+    real_time_factor: float | None
 
     def save(self, path: Path) -> None:
         """Write them as JSON, whole or not at all (SimulationFailed)."""
@@ -60,6 +66,7 @@ class Progress:
     max_stretch: float
     max_residual: float
     unconverged: int | None
+    stretched_frames: int = 0
     wall: float = 0.0
 
     @classmethod
@@ -74,6 +81,7 @@ class Progress:
         except TypeError:
             raise InputError("it does not say how far it came") from None
         check.whole("frames", made.frames, low=1)
+        check.whole("stretched_frames", made.stretched_frames, low=0)
         if made.unconverged is not None:
             check.whole("unconverged", made.unconverged, low=0)
         for name in ("energy_start", "energy", "max_stretch", "max_residual", "wall"):
@@ -86,6 +94,7 @@ class Progress:
         self.energy = now.energy
         self.max_stretch = max(self.max_stretch, now.max_stretch)
         self.max_residual = max(self.max_residual, now.residual)
+        self.stretched_frames += now.stretched > 0
         if sim.unconverged is not None:
             self.unconverged = (self.unconverged or 0) + sim.unconverged
         self.wall += seconds

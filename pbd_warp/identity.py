@@ -49,7 +49,7 @@ class Identity:
         others = [name for name in parts if theirs.get(name) != getattr(self, name)]
         if others:
             raise InputError(
-                f"{where} is of another run, whose {' and '.join(others)} differ: start from the beginning"
+                f"{where} is of another run, as it differs in {' and '.join(others)}: start from the beginning"
             )
 
 

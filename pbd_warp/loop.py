@@ -8,7 +8,6 @@ from typing import Any
 import warp as wp
 
 from pbd_warp.failure import Failure
-from pbd_warp.kernel_cache import load_module
 from pbd_warp.model.model import Model, State
 from pbd_warp.settings import Settings
 from pbd_warp.step.constraints.contact import ContactConstraints
@@ -17,8 +16,10 @@ from pbd_warp.step.damping import Damper
 from pbd_warp.step.divergence import DivergenceMonitor
 from pbd_warp.step.integrators import DOP853, EXPLICIT, INTEGRATORS, Integrator
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
+from pbd_warp.step.loading import load_modules
 from pbd_warp.step.methods import Direct
 from pbd_warp.step.program import Machine
+from pbd_warp.step.pull import Pull
 
 
 class Loop:
@@ -44,15 +45,18 @@ class Loop:
         self.contacts = None
         if model.collides:
             self.contacts = ContactConstraints(context, settings.method.valence(model), settings.max_contacts)
-        self.damper = Damper(context, settings.damping, settings.whole_substeps) if settings.damping > 0.0 else None
+        self.damper = Damper(context, settings.damping, settings.steps_a_frame) if settings.damping > 0.0 else None
         self.explicit: DOP853 | None = None
         self.integrator: Integrator | None = None
         self.solver: Any = None
+        self.pull: Pull | None = None
         if name in EXPLICIT:
             self.explicit = EXPLICIT[name](context, settings.dt, settings.error if settings.auto else None)
         else:
             self.integrator = INTEGRATORS[name](context, damped=self.damper is not None)
             self.solver = settings.method.bind(context, self.contacts)
+            if settings.grab_acceleration is not None:
+                self.pull = Pull(context, settings.grab_acceleration, settings.grab_speed)
         self.monitor = DivergenceMonitor(context, settings.limits)
         self.start: State | None = None
         if settings.on_failure in ("subdivide", "fallback"):
@@ -87,7 +91,7 @@ class Loop:
     @property
     def _repetitions(self) -> int:
         """Of `run_step` in a frame."""
-        return 1 if self.explicit else self._settings.whole_substeps
+        return 1 if self.explicit else self._settings.steps_a_frame
 
     def _begin_frame(self) -> None:
         context = self.context
@@ -103,6 +107,8 @@ class Loop:
             self.explicit.make_frame()
             return
         assert self.integrator
+        if self.pull:
+            self.pull.launch()
         for stage in self.integrator.stages:
             self._run_stage(stage)
 
@@ -145,12 +151,12 @@ class Loop:
             return int(self.counters.numpy()[0])
         if self.integrator is None:
             return 0
-        return self._settings.method.iterations * self._settings.whole_substeps * len(self.integrator.stages)
+        return self._settings.method.iterations * self._settings.steps_a_frame * len(self.integrator.stages)
 
     @property
     def steps_used(self) -> int:
         """Steps of the last frame, of the piece that took most."""
-        return int(self.explicit.steps_used.max()) if self.explicit else self._settings.whole_substeps
+        return int(self.explicit.steps_used.max()) if self.explicit else self._settings.steps_a_frame
 
     @property
     def counters(self) -> wp.array | None:
@@ -174,8 +180,7 @@ class Loop:
             self.run_step()
             self.monitor.launch()
         start = time.perf_counter()
-        for module in {kernel.module.name for _, kernel in trace if kernel}:
-            load_module(module, self.context.model.device)
+        load_modules({kernel.module.name for _, kernel in trace if kernel}, self.context.model.device)
         return time.perf_counter() - start
 
     def _compile(self) -> Machine | None:

@@ -75,9 +75,7 @@ def _within(folder: Path, path: Path) -> bool:
     outer, inner = (os.path.normcase(os.path.realpath(each)) for each in (folder, path))
     if inner == outer or inner.startswith(outer + os.sep):
         return True
-    try:
-        return os.path.samefile(
-            folder, path
-        )  # hard links, and file systems that don't tell small letters from capitals
+    try:  # hard links, and file systems that take small letters for capitals
+        return os.path.samefile(folder, path)
     except OSError:
         return False

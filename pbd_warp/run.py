@@ -26,6 +26,8 @@ from pbd_warp.lock import Lock
 from pbd_warp.measure import measure
 from pbd_warp.model.model import Model, State
 from pbd_warp.paths import animation_files, check_apart, check_file
+from pbd_warp.player.motion import EXTENSIONS
+from pbd_warp.player.writer import MotionWriter
 from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene
 from pbd_warp.settings import Settings
@@ -68,6 +70,7 @@ class Hooks:
     on_frame: Called after each frame with how many are written. A KeyboardInterrupt from it ends the run.
     on_start: Called before anything else with what will take very long, as a sentence.
     on_warning: Called before the first step with each thing that is known to fail (`Simulation.check`).
+    on_drawn: Called while a video is drawn, at the end, with how many of how many pictures are done.
     checkpoints: A resumed run ends with the same file as one that never stopped. None: none are left.
     """
 
@@ -75,6 +78,7 @@ class Hooks:
     on_start: Callable[[str], object] = lambda sentence: None
     on_warning: Callable[[PreflightWarning], object] = lambda warning: None
     checkpoints: Checkpoints | None = None
+    on_drawn: Callable[[int, int], object] = lambda done, of: None
 
 
 def run(
@@ -86,7 +90,8 @@ def run(
     recording: Recording | None = None,
     up_axis: str = "Y",
 ) -> RunStats:
-    """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
+    """Simulate a scene and write its frames to `out`, a USD animation, a page that plays them or a video: frame 0
+    is the initial state, scene.frames there are in all.
 
     Args:
         recording: A recording to be done again, with its settings, instead of the scene's drag.
@@ -108,7 +113,12 @@ def run(
         controller = recording.replay(scene, model)
         sim = controller.begin()
 
-    def open_writer(resume: int | None, identity: Identity) -> UsdWriter:
+    if out.suffix in EXTENSIONS and hooks.checkpoints:
+        raise InputError(f"{out} cannot be gone on with: leave checkpoints of a .usdc, and play that at the end")
+
+    def open_writer(resume: int | None, identity: Identity) -> Writer:
+        if out.suffix in EXTENSIONS:
+            return MotionWriter(out, model, scene.fps, scene.name, hooks.on_drawn)
         made_by = provenance(scene, model)
         return UsdWriter(out, model, scene.fps, made_by, resume, up_axis, identity=identity)
 
@@ -155,6 +165,7 @@ def _make_frames(
     hooks: Hooks,
     stage: str,
 ) -> RunStats:
+    began = time.perf_counter()
     made_by = provenance(scene, sim.model)
     checkpoints = hooks.checkpoints
     identity = Identity.of(sim.model, sim.settings, controller.script, stage)
@@ -208,7 +219,10 @@ def _make_frames(
         constraints=sim.model.constraint_count,
         out=str(out),
         unconverged=progress.unconverged,
+        stretched_frames=progress.stretched_frames,
         retried=sim.retried,
+        wall_s=time.perf_counter() - began + compile_seconds,
+        real_time_factor=(scene.frames - 1) / scene.fps / progress.wall if progress.wall else None,
     )
 
 
@@ -218,7 +232,7 @@ def report_saved_frames(writer: Writer) -> Iterator[None]:
     try:
         yield
     except (SimulationFailed, KeyboardInterrupt) as error:
-        kept = f"; the {writer.frames} frames so far are in {writer.saved}" if writer.saved else ""
+        kept = f"the {writer.frames} frames so far are in {writer.saved}" if writer.saved else ""
         if isinstance(error, KeyboardInterrupt):
-            raise Interrupted(f"interrupted{kept}") from error
-        raise SimulationFailed(f"{error}{kept}") from error
+            raise Interrupted("interrupted", kept=kept) from error
+        raise error.keeping(kept) from error

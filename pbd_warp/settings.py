@@ -56,6 +56,9 @@ class Settings:
         every kernel from Python.
     stiffness: Of all distances, 0..1, instead of the model's own; None: as the model has them.
     gravity: [m/s^2], instead of the model's own; None: as the model has it.
+    grab_acceleration: A grabbed particle is pulled with at most this force, over the mass of all that it is joined
+        to [m/s^2], so that walls, contacts and lengths win. None: it is exactly where it is told.
+    grab_speed: What is pulled follows no faster [m/s].
 
     Raises:
         InputError: a value outside its range, or a name that is unknown.
@@ -74,6 +77,8 @@ class Settings:
     capture: bool = True
     stiffness: float | None = None
     gravity: tuple[float, float, float] | None = None
+    grab_acceleration: float | None = None
+    grab_speed: float = 10.0
 
     def __post_init__(self) -> None:
         def put(name: str, value: Any) -> None:
@@ -97,6 +102,9 @@ class Settings:
             put("stiffness", check.number("stiffness", self.stiffness, low=0.0, high=1.0))
         if self.gravity is not None:
             put("gravity", tuple(check.vector("gravity", self.gravity).tolist()))
+        if self.grab_acceleration is not None:
+            put("grab_acceleration", check.number("grab_acceleration", self.grab_acceleration, above=0.0))
+        put("grab_speed", check.number("grab_speed", self.grab_speed, above=0.0))
 
     def _put_steps(self, put: Callable[[str, Any], None]) -> None:
         """Whether substeps, error, integrator and method go together."""
@@ -124,7 +132,7 @@ class Settings:
         return self.substeps == AUTO
 
     @property
-    def whole_substeps(self) -> int:
+    def steps_a_frame(self) -> int:
         """Steps in a frame; 1, the least, where they are "auto"."""
         return 1 if isinstance(self.substeps, str) else self.substeps
 
@@ -136,7 +144,7 @@ class Settings:
     @property
     def step_dt(self) -> float:
         """Length of a step [s], the longest where they are "auto"."""
-        return self.dt / self.whole_substeps
+        return self.dt / self.steps_a_frame
 
     def changed(self, **changes: Any) -> Settings:
         """These settings with others in their place. What another integrator does not take is left out unless it is
@@ -196,8 +204,8 @@ class Settings:
 
     @classmethod
     def from_json(cls, data: Any) -> Settings:
-        """Raises an InputError for what `to_json` would not have written."""
-        if not isinstance(data, Mapping) or sorted(data) != sorted(NAMES):
+        """Raises an InputError for what `to_json` would not have written; what is newer than a file has its default."""
+        if not isinstance(data, Mapping) or not set(NAMES) - set(NEWER) <= set(data) <= set(NAMES):
             raise InputError(f"settings must have {', '.join(NAMES)}")
         values = dict(data)
         options = dict(data["method"]) if isinstance(data["method"], Mapping) else {}
@@ -227,6 +235,8 @@ def frame_length(name: str, fps: Any) -> float:
 
 
 NAMES = tuple(field.name for field in fields(Settings))
+NEWER = ("grab_acceleration", "grab_speed")
+"""Settings that older files do not have."""
 
 
 def _method(given: Any) -> Method:

@@ -220,7 +220,7 @@ def test_only_files_of_the_same_run_are_gone_on_from(tmp_path):
     path = tmp_path / "a.usdc"
     mine, other = (Identity("model", settings, "drags", "") for settings in ("mine", "other"))
     write(animate(path, identity=other), 3 * CHUNK, lambda frame: 2.0 * frame)  # killed, another motion
-    message = r"a\.partial\.usdc is of another run, whose settings differ"
+    message = r"a\.partial\.usdc is of another run, as it differs in settings"
     with pytest.raises(pbd.InputError, match=message):
         animate(path, resume=2, identity=mine)
     write(animate(path, identity=mine), 3).close()
@@ -297,6 +297,16 @@ def test_a_folder_that_is_moved_away_is_noticed(tmp_path, moved):
     assert not gone.exists()
     if moved == "folder":
         assert_holds(tmp_path / "elsewhere" / "a.partial.usdc", CHUNK)
+
+
+@pytest.mark.parametrize("frames", [3, CHUNK])
+def test_a_folder_that_is_moved_away_before_anything_is_written(tmp_path, frames):
+    (tmp_path / "out").mkdir()
+    animation = write(animate(tmp_path / "out" / "a.usdc"), 1)
+    os.rename(tmp_path / "out", tmp_path / "elsewhere")
+    with pytest.raises(pbd.SimulationFailed, match="was moved or removed during the run"), animation:
+        write(animation, frames)
+    assert names(tmp_path) == ["elsewhere"]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="links need a privilege")

@@ -158,8 +158,10 @@ def limited():
 
 def assert_failed_but_kept(result, folder, suffix, uninterrupted):
     assert result.returncode == 1, result.stderr
-    message = result.stderr.strip().splitlines()[-1]
-    told = re.search(r"could not be written: .*; is the disk full\?; the first (\d+) frames are in (\S+)$", message)
+    message = " ".join(result.stderr.split())
+    told = re.search(
+        r"could not be written: .*; is the disk full\? kept: the first (\d+) frames are in (\S+)$", message
+    )
     assert told, message
     assert told[2] == str(folder / f"a.partial{suffix}")
     assert_same_run(told[2], int(told[1]), uninterrupted)

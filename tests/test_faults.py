@@ -47,8 +47,11 @@ WORM = ("run", "worm", "--out", "a.usdc", "--checkpoint", "c.npz", "--every", 10
 @pytest.mark.parametrize(
     ("between", "said"),
     [
-        ("run worm --out a.usdc --frames 60 --damping 0.3", "a.usdc is of another run, whose settings"),
-        ("run rope --out a.usdc --frames 60", "a.usdc is of another run, whose model and settings and drags"),
+        ("run worm --out a.usdc --frames 60 --damping 0.3", "a.usdc is of another run, as it differs in settings"),
+        (
+            "run rope --out a.usdc --frames 60",
+            "a.usdc is of another run, as it differs in model and settings and drags",
+        ),
         ("run worm --out a.usdc --frames 9", "holds 9 frames, fewer than the 20 to go on from"),
     ],
 )
@@ -65,7 +68,10 @@ def test_frames_of_another_run_are_not_gone_on_from(processes, folder, between, 
 @pytest.mark.parametrize(
     ("edit", "said"),
     [
-        (lambda text: text.replace("#usda 1.0", "#usda 1.0\n# edited"), "c.npz is of another run, whose stage differ"),
+        (
+            lambda text: text.replace("#usda 1.0", "#usda 1.0\n# edited"),
+            "c.npz is of another run, as it differs in stage",
+        ),
         (lambda text: text, ""),
     ],
 )

@@ -40,19 +40,19 @@ CELLS = {
         ("jacobi, iterations", 50, 16),
         {
             "Direct": ("direct, iterations", 50, 16),
-            "more substeps": ("jacobi, substeps of 1 iteration", 50, 128),
+            "more substeps": ("jacobi, steps of 1 iteration", 50, 128),
         },
     ),
     "mass_ratio": (
         ("gauss-seidel, iterations", 100, 64),
         {
             "Direct": ("direct, iterations", 100, 64),
-            "more substeps": ("gauss-seidel, substeps of 1 iteration", 100, 256),
+            "more substeps": ("gauss-seidel, steps of 1 iteration", 100, 256),
         },
     ),
     "sweep_energy": (
-        ("gauss-seidel, midpoint, 16 substeps", 20, 1),
-        {"5 iterations": ("gauss-seidel, midpoint, 16 substeps", 20, 5)},
+        ("gauss-seidel, midpoint, 16 steps", 20, 1),
+        {"5 iterations": ("gauss-seidel, midpoint, 16 steps", 20, 5)},
     ),
     "step": (
         ("gauss-seidel (20), midpoint4", 20, 15),
@@ -74,7 +74,7 @@ CELLS = {
     "unreachable": (("direct", 1.2, 64), {"nearer to each other": ("direct", 1.0, 64)}),
     "cradle": (("jacobi, balls touch", 5, 4), {"gaps wider": ("jacobi, gaps of 20 mm", 5, 4)}),
     "coincident": (("a chain, jacobi", 32, 1), {"more iterations": ("a chain, jacobi", 32, 64)}),
-    "capstan": (("gauss-seidel, 64 substeps of 1", 0.3, 0.6), {"Direct": ("direct, 4 substeps", 0.3, 0.6)}),
+    "capstan": (("gauss-seidel, 64 steps of 1", 0.3, 0.6), {"Direct": ("direct, 4 steps a frame", 0.3, 0.6)}),
     "short_link": (
         ("gauss-seidel (20), float64", 1e-4, 4),
         {"Direct": ("direct, float64", 1e-4, 4), "float32 too": ("direct, float32", 1e-4, 4)},

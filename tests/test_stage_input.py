@@ -211,7 +211,6 @@ def rough_plane(stage, curves):
         (text, ["--pin", "primvar:hold"], "/World/C: primvar 'hold' is not made of numbers"),
         (per_face, ["--pin", "primvar:hold"], "primvar 'hold' has interpolation 'faceVarying'"),
         (periodic, ["--pin", "ends"], "/World/C: a periodic curve has no ends to pin"),
-        (periodic, ["--method", "direct"], "method 'direct' needs paths"),
         (None, ["--prim", "/World/Rope*"], "--prim /World/Rope* matches no curves: there is /World/C"),
         (None, ["--collide", "/World/Floor"], "--collide /World/Floor matches no geometry"),
         (a_mesh, ["--collide", "/World/Set"], "/World/Set/Wall is a Mesh, which is not supported as a collider"),

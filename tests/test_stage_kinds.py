@@ -230,20 +230,8 @@ def test_a_bspline_of_twenty_thousand_points_comes_back(rng):
     np.testing.assert_allclose(Fit(sampling, pinned)(sampling.points(moved)), moved, atol=1e-8)
 
 
-TODAY = pytest.mark.xfail(
-    strict=True, raises=pbd.SimulationFailed, reason="Newton's method of Direct does not converge"
-)
-
-
-@pytest.mark.parametrize(
-    ("name", "dtype"),
-    [
-        ("smooth_hair", "float32"),
-        pytest.param("smooth_hair", "float64", marks=TODAY),
-        pytest.param("short_first_link", "float32", marks=TODAY),
-        pytest.param("short_first_link", "float64", marks=TODAY),
-    ],
-)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("name", ["smooth_hair", "short_first_link"])
 def test_hairs_with_short_links(tmp_path, name, dtype):
     path = tmp_path / f"{name}.usda"
     path.write_text((DATA / f"{name}.usda").read_text())

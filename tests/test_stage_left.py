@@ -329,3 +329,17 @@ def test_an_attribute_of_another_type_is_named(tmp_path):
     stage.Save()
     _, source, _ = simulated(tmp_path / "a.usda", check=False)
     assert source.left == ["/World/C is left as it is: /World/C.widths is string[], where USD has float[]"]
+
+
+def test_what_would_not_open_again_is_not_flattened(tmp_path):
+    stage = new_stage(tmp_path / "a.usda")
+    add_curves(stage, "/World/C", line(6))
+    cube = UsdGeom.Cube.Define(stage, "/World/Cube").GetPrim()
+    spec = stage.GetRootLayer().GetPrimAtPath(cube.GetPath())
+    Sdf.AttributeSpec(spec, "visibility", Sdf.ValueTypeNames.Bool).default = True
+    stage.Save()
+    message = "cannot be flattened: /World/Cube.visibility is bool, where USD has token"
+    with pytest.raises(pbd.InputError, match=message):
+        simulated(tmp_path / "a.usda", flatten=True)
+    result, _, _ = simulated(tmp_path / "a.usda", check=False)
+    assert result.GetPrimAtPath("/World/C")

@@ -12,14 +12,15 @@ from pbd_warp.accuracy.chart import best_error, flags, front, load, save
 from pbd_warp.accuracy.chart import pick as pick_row
 from pbd_warp.accuracy.plot import check_picture, draw
 from pbd_warp.accuracy.sweep import Sweep, sweep_scene
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Debug, Device, Seed, Set, comma_list, scene_file, scene_with, whole_list
-from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar, tell
+from pbd_warp.cli.terminal import interruptible, one_sentence, tell
 from pbd_warp.errors import InputError
 from pbd_warp.paths import check_apart, check_file
+from pbd_warp.progress import progress_bar
 
 
-@app.command()
+@command("chart", "chart my_scene.py", "chart rope --methods direct,jacobi --pick 1e-3")
 def chart(
     scene: Annotated[str | None, typer.Argument(metavar="SCENE", help="A scene's name, or your own file.py.")] = None,
     out: Annotated[Path | None, typer.Option(help="SCENE.svg unless given; .svg or .png.")] = None,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Debug, Device, Dtype, SceneName, Seed, Set, scene_with, takes_settings
 from pbd_warp.cli.terminal import one_sentence, tell, warn
 from pbd_warp.cost import cost_sheet, too_much
 from pbd_warp.simulation import Simulation
 
 
-@app.command()
+@command("info", "info rope", "info chain --set links=50 --method jacobi")
 @takes_settings
 def info(
     scene: SceneName,

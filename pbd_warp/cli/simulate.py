@@ -8,18 +8,23 @@ from typing import Annotated, Any
 
 import typer
 
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Checkpoint, Debug, Device, Dtype, Every, Resume, changed, takes_settings
 from pbd_warp.cli.run import hooks_of, table, written
-from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar, tell, warn
+from pbd_warp.cli.terminal import interruptible, one_sentence, tell, warn
 from pbd_warp.curves import Material, StageHooks, load_stage, simulate
 from pbd_warp.curves.layer import layer_files
 from pbd_warp.paths import check_apart
+from pbd_warp.progress import progress_bar
 from pbd_warp.run import Checkpoints
 from pbd_warp.usd.writer import check_path
 
 
-@app.command("simulate")
+@command(
+    "simulate",
+    "simulate room.usda --out sim.usda",
+    "simulate room.usda --out sim.usda --prim '/World/Cables' --collide '/World/Floor' --pin ends",
+)
 @takes_settings
 def simulate_stage(
     stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A .usda, .usdc, .usd or .usdz file.")],

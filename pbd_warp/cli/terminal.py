@@ -1,4 +1,4 @@
-"""How a command talks to a terminal: errors, progress, Ctrl-C."""
+"""How a command talks to a terminal: errors, Ctrl-C."""
 
 from __future__ import annotations
 
@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from pbd_warp.cli.options import SETTINGS
 from pbd_warp.errors import InputError, Interrupted, PbdError
@@ -33,7 +31,8 @@ def as_options(sentence: str) -> str:
 
 @contextmanager
 def one_sentence(debug: bool) -> Iterator[None]:
-    """Errors become one sentence on stderr and an exit code: 2 bad usage, 1 the run failed, 130 Ctrl-C.
+    """Errors become what, where, what helps and what is kept, a line each on stderr, and an exit code: 2 bad usage, 1
+    the run failed, 130 Ctrl-C.
 
     Below it nothing ends in a traceback, unless `debug` asks for one.
     """
@@ -44,21 +43,23 @@ def one_sentence(debug: bool) -> Iterator[None]:
     except (Exception, KeyboardInterrupt) as error:
         if debug:
             traceback.print_exc()
-        sentence, code = _sentence(error)
-        warn(sentence)
+        lines, code = _told(error)
+        warn(*lines)
         raise typer.Exit(code) from None
 
 
-def _sentence(error: BaseException) -> tuple[str, int]:
-    """What an error says, and the exit code."""
+def _told(error: BaseException) -> tuple[list[str], int]:
+    """What an error says, line by line, and the exit code."""
     if isinstance(error, KeyboardInterrupt):
-        return "interrupted", 130
-    if isinstance(error, (PbdError, OSError)):
-        return str(error), 2 if isinstance(error, InputError) else 130 if isinstance(error, Interrupted) else 1
+        return ["interrupted"], 130
+    if isinstance(error, PbdError):
+        return error.lines, 2 if isinstance(error, InputError) else 130 if isinstance(error, Interrupted) else 1
+    if isinstance(error, OSError):
+        return [str(error)], 1
     if isinstance(error, MemoryError) or "failed to allocate" in str(error).lower():
-        return "there is not enough memory for this: make the scene smaller, or ask for fewer contacts", 1
+        return ["there is not enough memory for this", "helps: make the scene smaller, or ask for fewer contacts"], 1
     what = (reason(error).strip() or "no more is known").splitlines()[0]
-    return f"{type(error).__name__}: {what} (this should have been a clearer sentence; --debug says where)", 1
+    return [f"{type(error).__name__}: {what} (this should have been a clearer sentence; --debug says where)"], 1
 
 
 def tell(text: str) -> None:
@@ -73,24 +74,16 @@ def tell(text: str) -> None:
         typer.echo(text.encode("ascii", "backslashreplace").decode())
 
 
-def warn(sentence: str) -> None:
-    """Print a line to stderr, with options as they are spelled here, and whatever is no text as an escape."""
-    escaped = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in as_options(sentence))
-    with suppress(OSError):
-        typer.echo(f"pbd-warp: {''.join(escaped)}", err=True)
+def warn(sentence: str, *others: str) -> None:
+    """Print to stderr, with options as they are spelled here, and whatever is no text as an escape.
 
-
-@contextmanager
-def progress_bar(title: str) -> Iterator[Callable[..., None]]:
-    """A progress bar on a terminal, nothing in a pipe; gives a function of how many are done, of how many, and of what
-    is being done."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task(title, total=None)
-        yield lambda done, of, doing="": progress.update(
-            task, completed=done, total=of, description=f"{title} {doing}".strip()
-        )
+    Args:
+        others: Lines that belong to the first, shown below it.
+    """
+    for line in (f"pbd-warp: {sentence}", *(f"  {other}" for other in others)):
+        escaped = (c if c.isprintable() else c.encode("unicode_escape").decode() for c in as_options(line))
+        with suppress(OSError):
+            typer.echo("".join(escaped), err=True)
 
 
 @contextmanager

@@ -25,6 +25,9 @@ BASES = {
     "catmullRom": np.array([[-1, 3, -3, 1], [2, -5, 4, -1], [-1, 0, 1, 0], [0, 2, 0, 0]]) / 2.0,
 }
 
+SAME = 1e-4
+"""Links shorter than this part of a curve's mean link are none: doubled points, as exporters write and round them."""
+
 LINKS = 3
 """Simulated links a segment: the fewest that tell all control points of every basis and wrap (a bezier's exactly)."""
 
@@ -35,7 +38,8 @@ class BasisKind:
 
     Args:
         basis: "linear", or that of a cubic. wrap: as in USD. counts: control points of each curve, shape [curve_count].
-        points: Control points, shape [total, 3]: neighbours in a linear curve that coincide are simulated as one.
+        points: Control points, shape [total, 3]: neighbours in a linear curve that lie in one place, but for SAME of
+            its mean link, are simulated as one.
 
     Raises:
         InputError: a basis or wrap that is unknown.
@@ -128,17 +132,20 @@ class BasisKind:
     @cached_property
     def _place(self) -> np.ndarray:
         """Of linear curves: numbers of the places that the points of each lie in, one after the other, from 0 on."""
-        new = np.ones(len(self.points), int)
-        new[1:] = np.any(self.points[1:] != self.points[:-1], axis=1)
+        step = np.zeros(len(self.points))
+        step[1:] = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        step[self._first[self.counts > 0]] = 0.0
+        curve = np.repeat(np.arange(len(self.counts)), self.counts)
+        least = SAME * np.bincount(curve, step, len(self.counts)) / np.maximum(self.counts - 1, 1)
+        new = (step > least[curve]).astype(int)
         first = self._first[self.counts > 0]
-        new[first] = 0
         place = np.cumsum(new)
         place -= np.repeat(place[first], self.counts[self.counts > 0])
         if self.closed:
-            for curve in np.flatnonzero(self.counts > 1).tolist():
-                span = self._span(curve)
+            for number in np.flatnonzero(self.counts > 1).tolist():
+                span = self._span(number)
                 own, last = place[span], place[span].max()
-                if np.array_equal(self.points[span][-1], self.points[span.start]):
+                if np.linalg.norm(self.points[span][-1] - self.points[span.start]) <= least[number]:
                     own[own == last] = 0
         return place
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, Vt
 
-from pbd_warp.curves.attributes import changes, check_types
+from pbd_warp.curves.attributes import changes, check_types, with_ancestors
 from pbd_warp.curves.fit import Fit
 from pbd_warp.curves.kinds import read_kind
 from pbd_warp.curves.material import Material
@@ -53,7 +53,8 @@ class Curves:
         self.skinning = skinning
         self.left: dict[int, str] = {}
         self.notes: list[str] = []
-        check_types(prim)
+        for each in with_ancestors(prim):
+            check_types(each)
         self._geometry = UsdGeom.Curves(prim)
         self._tangents = UsdGeom.HermiteCurves(prim).GetTangentsAttr() if prim.IsA(UsdGeom.HermiteCurves) else None
         if self._tangents and skinning:

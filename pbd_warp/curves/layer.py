@@ -8,8 +8,10 @@ from pathlib import Path
 
 from pxr import Ar, Sdf, Usd, UsdGeom
 
+from pbd_warp.curves.attributes import check_types
 from pbd_warp.curves.scene import StageScene
 from pbd_warp.curves.skinning import unbind
+from pbd_warp.errors import InputError
 
 ATTRIBUTES = {
     "points": Sdf.ValueTypeNames.Point3fArray,
@@ -49,7 +51,16 @@ def override_layer(source: StageScene, out: Path, metadata: Mapping[str, str | i
 
 
 def flattened(source: StageScene, metadata: Mapping[str, str | int | float]) -> Usd.Stage:
-    """The whole input as one layer in memory, without what the simulation replaces."""
+    """The whole input as one layer in memory, without what the simulation replaces.
+
+    Raises:
+        InputError: an attribute anywhere of another type than it should have, which would not open again.
+    """
+    for prim in source.stage.TraverseAll():
+        try:
+            check_types(prim)
+        except InputError as error:
+            raise InputError(f"the stage cannot be flattened: {error}") from None
     layer = source.stage.Flatten(addSourceFileComment=False)
     layer.customLayerData = {**layer.customLayerData, **metadata}
     stage = Usd.Stage.Open(layer)

@@ -1,4 +1,4 @@
-"""Curves as particles and distances of a model, and what they are best simulated with."""
+"""Curves as particles and distances of a model."""
 
 from __future__ import annotations
 
@@ -13,10 +13,6 @@ from pbd_warp.kernels.distance import measure_distance
 from pbd_warp.kernels.precision import PRECISIONS
 from pbd_warp.model.builder import DTYPES, ModelBuilder
 from pbd_warp.step.launch import Launcher
-from pbd_warp.step.methods import Direct, GaussSeidel, Method
-
-TAUT = 1e-3
-"""A rope with less slack than this fraction of its length hangs by forces that grow without bounds as it goes to 0."""
 
 
 def add_ropes(
@@ -74,7 +70,8 @@ def _masses(curves: Curves, edges: np.ndarray, length: np.ndarray) -> np.ndarray
 def seen_lengths(x: np.ndarray, edges: np.ndarray, device: wp.Device, dtype: str) -> np.ndarray:
     """Lengths of links as the kernels will see them [m], rounding included, float64 [links].
 
-    A link that is as long as it should be to the last bit is not moved, so a rope at rest stays at rest.
+    A link that is as long as it should be to the last bit is not moved, so a rope at rest stays at rest; but `Direct`,
+    which computes in float64, sees in float32 that its length was rounded, and moves it by as much.
     """
     real = DTYPES[dtype]
     length = wp.zeros(len(edges), dtype=real, device=device)
@@ -86,25 +83,3 @@ def seen_lengths(x: np.ndarray, edges: np.ndarray, device: wp.Device, dtype: str
         length,
     )
     return length.numpy().astype(np.float64)
-
-
-def default_method(curves: Sequence[Curves], time_codes: np.ndarray, colliders: bool) -> tuple[Method, int]:
-    """Method and substeps unless the user says otherwise: Direct where it is sure of a solution and fast."""
-    if colliders or any(each.sampling.closed.any() or _taut(each, time_codes) for each in curves):
-        return GaussSeidel(iterations=1), 64
-    return Direct(), 16
-
-
-def _taut(curves: Curves, time_codes: np.ndarray) -> bool:
-    """Whether pins ever hold a part of an open curve, with free points in it, as far apart as it is long."""
-    x, pinned = curves.x, np.flatnonzero(curves.pinned)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(x, axis=0), axis=1))])
-    parts = np.flatnonzero((np.diff(curves.sampling.curve[pinned]) == 0) & (np.diff(pinned) > 1))
-    if not parts.size:
-        return False
-    slack = (1.0 - TAUT) * (along[pinned[parts + 1]] - along[pinned[parts]])
-    for time_code in time_codes if curves.moving else time_codes[:1]:
-        places = curves.pins(float(time_code))
-        if np.any(np.linalg.norm(places[parts + 1] - places[parts], axis=1) > slack):
-            return True
-    return False

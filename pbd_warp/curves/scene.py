@@ -17,14 +17,18 @@ from pbd_warp.curves.curves import Curves
 from pbd_warp.curves.material import Material
 from pbd_warp.curves.opening import open_stage
 from pbd_warp.curves.physics import gravity_of, up_axis
-from pbd_warp.curves.ropes import add_ropes, default_method, leave_what_has_no_length
+from pbd_warp.curves.ropes import add_ropes, leave_what_has_no_length
 from pbd_warp.curves.selection import find_colliders, find_curves, shared_with_others, without_own_points
 from pbd_warp.curves.skinning import Skeletons
 from pbd_warp.curves.timeline import Timeline, timeline
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.model.builder import DTYPES, ModelBuilder, find_device
 from pbd_warp.scene import Scene
+from pbd_warp.step.methods import Direct
 from pbd_warp.usd.errors import reason
+
+SUBSTEPS = 16
+"""With which `Direct` keeps a hair at 24 frames a second from losing its swing."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,10 @@ class StageScene:
                 left.append(f"{each.path} is left as it is: {error}")
         if not curves:
             raise InputError(left[0])
-        builder = _build(curves, self.colliders, self.gravity, self.timeline, self.origin, self.device, self.dtype)
+        builder = ModelBuilder(self.gravity)
+        add_ropes(builder, curves, self.origin, self.device, self.dtype)
+        for prim in self.colliders:
+            add_collider(builder, prim, self.timeline.time_codes, self.origin)
         return replace(self, curves=curves, scene=self.scene.changed(builder=builder), left=[*self.left, *left])
 
 
@@ -100,7 +107,8 @@ def load_stage(
         material: What all ropes are made of; where it says nothing, what their prims say.
         gravity: Against the stage's up axis [m/s^2]; what the stage's physics scene says unless given.
         frames, fps: As in `timeline`.
-        strict: Refuse a stage with curves that cannot be simulated, instead of leaving them as they are.
+        strict: Refuse a stage with curves that cannot be simulated, instead of leaving them as they are; and fail where
+            Newton's method leaves something over, instead of noting it.
 
     Raises:
         InputError: what cannot be read, makes no sense or is not modelled, and nothing is left to simulate.
@@ -128,27 +136,18 @@ def load_stage(
     if left and strict:
         raise InputError(left[0])
     colliders = find_colliders(stage, collide)
-    builder = _build(curves, colliders, pull, time, origin, where, dtype)
-    method, substeps = default_method(curves, codes, bool(colliders))
-    scene = Scene(builder, time.frames, fps=time.fps, substeps=substeps, method=method, name=path.stem)
+    scene = Scene(
+        ModelBuilder(pull),
+        time.frames,
+        fps=time.fps,
+        name=path.stem,
+        method=Direct(),
+        substeps=SUBSTEPS,
+        on_failure="raise" if strict else "continue",
+    )
     notes = [text for text in (time.note, note) if text]
-    return StageScene(path, stage, time, curves, colliders, pull, origin, scene, where, dtype, left, notes)
-
-
-def _build(
-    curves: Sequence[Curves],
-    colliders: Sequence[Usd.Prim],
-    gravity: np.ndarray,
-    time: Timeline,
-    origin: np.ndarray,
-    device: wp.Device,
-    dtype: str,
-) -> ModelBuilder:
-    builder = ModelBuilder(gravity)
-    add_ropes(builder, curves, origin, device, dtype)
-    for prim in colliders:
-        add_collider(builder, prim, time.time_codes, origin)
-    return builder
+    source = StageScene(path, stage, time, curves, colliders, pull, origin, scene, where, dtype, left, notes)
+    return source.without({})
 
 
 def _read_curves(

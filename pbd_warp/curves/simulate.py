@@ -108,6 +108,11 @@ class _Attempt:
         result = make_frames(self._scene, self._sim, self.playback, self._open, self._out, told, stage)
         if not self.playback.moved:
             hooks.on_note(f"nothing moved: {self.playback.why_still()}")
+        if result.unconverged:
+            hooks.on_note(
+                f"{result.unconverged} solutions did not converge, which left links stretched by at most "
+                f"{100 * result.max_stretch:.2g} %; on_failure='subdivide' makes such frames again"
+            )
         return result
 
     def _open(self, resume: int | None, identity: Identity) -> _Attempt:

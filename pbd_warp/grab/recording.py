@@ -14,6 +14,7 @@ from pbd_warp import check
 from pbd_warp.atomic import write_text
 from pbd_warp.errors import InputError
 from pbd_warp.grab.drag import GESTURES
+from pbd_warp.grab.drawing import DrawnRope, with_ropes
 from pbd_warp.grab.grabber import Grabber
 from pbd_warp.model.model import Model
 from pbd_warp.scene import Scene, load_scene
@@ -28,7 +29,8 @@ CHANGE = "settings"
 class Recording:
     """What was done from the initial state on.
 
-    scene, seed, parameters: What was built (`load_scene`); model: a few numbers by which it is known again.
+    scene, seed, parameters: What was built (`load_scene`); ropes: what was drawn into it; model: a few numbers by which
+    it is known again.
     dtype, settings: How it was simulated at the start.
     frames: How many there are, the initial state included.
     events: (frame, gesture or "settings", value), in the order in which they happened. `frame` frames were done before.
@@ -42,6 +44,7 @@ class Recording:
     settings: Settings
     frames: int = 1
     events: list[tuple[int, str, Any]] = field(default_factory=list)
+    ropes: list[DrawnRope] = field(default_factory=list)
 
     def note(self, frame: int, what: str, value: Any) -> None:
         """Add an event. A frame has one move: of several the last counts."""
@@ -49,10 +52,29 @@ class Recording:
             self.events.pop()
         self.events.append((frame, what, value))
 
+    def cut(self, frame: int) -> tuple[Settings, int | None]:
+        """Forget what came after a frame; the settings then, and the particle that was grabbed (None for none)."""
+        self.frames = frame + 1
+        self.events = [event for event in self.events if event[0] < frame]
+        settings, held = self.settings, None
+        for _, what, value in self.events:
+            if what == CHANGE:
+                settings = value
+            elif what != "move":
+                held = value  # None with a deselect
+        return settings, held
+
     def events_as_json(self) -> list[list[Any]]:
         """The events as they come back from a file."""
         events = [[frame, what, value.to_json() if what == CHANGE else value] for frame, what, value in self.events]
         return json.loads(json.dumps(events))
+
+    def to_text(self) -> str:
+        """As JSON, an event a line, so that the file can be read and compared."""
+        header = {**vars(self), "settings": self.settings.to_json(), "ropes": [rope.to_json() for rope in self.ropes]}
+        lines = ",\n  ".join(json.dumps(event) for event in self.events_as_json())
+        text = json.dumps({**header, "events": []}, indent=1).replace('"events": []', f'"events": [\n  {lines}\n ]')
+        return text + "\n"
 
     def save(self, path: Path) -> None:
         """Write it as JSON, whole or not at all.
@@ -60,11 +82,7 @@ class Recording:
         Raises:
             SimulationFailed: it could not be written.
         """
-        header = {**vars(self), "settings": self.settings.to_json()}
-        # An event a line, so that the file can be read and compared.
-        lines = ",\n  ".join(json.dumps(event) for event in self.events_as_json())
-        text = json.dumps({**header, "events": []}, indent=1).replace('"events": []', f'"events": [\n  {lines}\n ]')
-        write_text(path, text + "\n")
+        write_text(path, self.to_text())
 
     @classmethod
     def load(cls, path: Path, scene: str | None = None) -> Recording:
@@ -86,6 +104,8 @@ class Recording:
                 data = _upgraded(data, scene)
             except (InputError, KeyError, TypeError, ValueError, AttributeError) as error:
                 raise InputError(f"{path} is no recording of drags: {error}") from None
+        if isinstance(data, dict):
+            data.setdefault("ropes", [])  # which older files do not have
         if not isinstance(data, dict) or sorted(data) != sorted(names):
             raise InputError(f"{path} is no recording of drags: it must have {', '.join(names)}")
         try:
@@ -101,7 +121,8 @@ class Recording:
         """
         if Path(name).stem != self.scene:
             raise InputError(f"the drags are of scene {self.scene}, not of {name}")
-        return load_scene(name, self.seed, self.parameters).changed(settings=self.settings)
+        scene = load_scene(name, self.seed, self.parameters).changed(settings=self.settings)
+        return with_ropes(scene, self.ropes)
 
     def replay(self, scene: Scene, model: Model) -> Replay:
         """Do it again.
@@ -260,4 +281,6 @@ def _checked(data: dict[str, Any]) -> dict[str, Any]:
         last = frame
         holding = what in ("select", "move") or (holding and what == CHANGE)
         events.append((frame, what, value))
-    return {**data, "events": events}
+    if not isinstance(data["ropes"], list):
+        raise InputError("ropes must be a list")
+    return {**data, "events": events, "ropes": [DrawnRope.from_json(rope) for rope in data["ropes"]]}

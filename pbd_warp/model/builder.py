@@ -132,11 +132,19 @@ class ModelBuilder:
             radius: Of its particles [m].
             compliance: Of each link [m/N].
             stiffness: Of each link, 0..1.
+
+        Raises:
+            InputError: two points in a row that are the same: a link without length has no direction to act along.
         """
         positions = check.vectors("positions", positions)
         n = len(positions)
         if n < 2:
             raise InputError(f"a rope needs at least 2 particles, not {n}")
+        same = np.flatnonzero(np.all(positions[1:] == positions[:-1], axis=1))
+        if same.size:
+            raise InputError(
+                f"points {same[0]} and {same[0] + 1} of a rope are the same: leave one of them out, or add two ropes"
+            )
         edges = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
         rope = self.add_graph(positions, edges, mass, pinned, radius, compliance, stiffness)
         self._ropes.append(np.arange(rope.start, rope.stop, dtype=np.int32))

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from pbd_warp.kernel_cache import load_module
 from pbd_warp.kernels import (
     bdf2,
     bounce,
@@ -26,8 +25,10 @@ from pbd_warp.kernels import (
     memory,
     midpoint,
     point,
+    pull,
 )
 from pbd_warp.kernels.precision import PrecisionKernel, StepPass
+from pbd_warp.step.loading import load_modules
 
 LANES = 256
 """Threads of the block that makes a frame on a GPU."""
@@ -38,7 +39,7 @@ ONE_BLOCK = 2048
 COMMON = (
     memory.zero,
     memory.copy,
-    *(integrate.accelerate, integrate.predict, integrate.update),
+    *(pull.pull, integrate.accelerate, integrate.predict, integrate.update),
     *(damping.sum_momentum, damping.divide_by_mass, damping.sum_angular_momentum),
     *(damping.find_rotation, damping.damp_velocities),
     *(distance.project_distance, point.project_point, jacobi.add_corrections),
@@ -171,7 +172,7 @@ class Machine:
         self._control = wp.zeros(2, dtype=wp.int32, device=device)
         self._view = self._control.numpy() if device.is_cpu else None
         lanes = 1 if device.is_cpu else LANES
-        load_module(kernel.module.name, device)
+        load_modules([kernel.module.name], device)
         with wp.ScopedCapture(device=device, force_module_load=False) as capture:
             wp.launch(
                 kernel,

@@ -203,9 +203,9 @@ class Animation:
                 self._chunks.remove()
         except SimulationFailed as failure:
             there = self._kept and self._place.there and self._chunks.there and self._root.exists()
-            kept = f"; the first {self._kept} frames are in {self._root}" if there else ""
+            kept = f"the first {self._kept} frames are in {self._root}" if there else ""
             told = after if isinstance(after, SimulationFailed) else failure
-            raise SimulationFailed(f"{told}{kept}") from (after or failure)
+            raise told.keeping(kept) from (after or failure)
 
     def _merge(self, file: Path) -> None:
         paths, recorded = list(self._types), self._chunks.recorded

@@ -252,6 +252,8 @@ def check_drags(processes: Processes, folder: Path, count: int, seed: int = 0) -
     folder.mkdir(parents=True)
     ended = processes.call(cwd=folder, code=RECORDS)
     assert ended.code == 0, ended.err
+    ended = processes.call("run", "worm", "--drags", "whole.json", "--out", "out.usda", "--frames", 5, cwd=folder)
+    assert ended.code == 0, ended.err
     text = (folder / "whole.json").read_text()
     for number in range(count):
         (folder / "out.usda").unlink(missing_ok=True)
