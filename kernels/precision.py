@@ -40,7 +40,7 @@ MODULES: list[str] = []
 @wp.func_native("__builtin_assume(i >= 0); return i;")
 def index(i: wp.int32) -> wp.int32:
     """An index that is not negative, which the compiler cannot know of one that was read from memory: it need not be
-    ready to count from the end then, which costs a third of a sweep (benchmarks/step.py)."""
+    ready to count from the end then, which is a quarter of a sweep (benchmarks/step.py with and without)."""
     ...
 
 
