@@ -36,17 +36,19 @@ LANES = 256
 ONE_BLOCK = 2048
 """Particles up to which a GPU makes a frame in one block. An estimate, 8 a thread: not measured."""
 
-COMMON = (
-    memory.zero,
-    memory.copy,
-    *(pull.pull, integrate.accelerate, integrate.predict, integrate.update),
+BASE = (
+    *(memory.zero, memory.copy, pull.pull),
+    *(distance.project_distance, point.project_point, jacobi.add_corrections, divergence.check_stretch),
+)
+FIRST_ORDER = (
+    *(integrate.accelerate, integrate.predict, integrate.update),
     *(damping.sum_momentum, damping.divide_by_mass, damping.sum_angular_momentum),
     *(damping.find_rotation, damping.damp_velocities),
-    *(distance.project_distance, point.project_point, jacobi.add_corrections),
-    divergence.check_stretch,
+)
+SECOND_ORDER = (
+    *(bdf2.predict_bdf2, bdf2.update_bdf2, bdf2.remember, midpoint.predict_midpoint, midpoint.update_midpoint),
 )
 SELDOM = (
-    *(bdf2.predict_bdf2, bdf2.update_bdf2, bdf2.remember, midpoint.predict_midpoint, midpoint.update_midpoint),
     *(iteration.begin_iterations, iteration.end_iteration, jacobi.add_corrections_accelerated, distance.limit_lengths),
     *(divergence.sum_energy, divergence.check_energy),
 )
@@ -55,12 +57,14 @@ CONTACTS = (
     *(bounce.count_active, bounce.bounce),
 )
 MACHINES = {
-    "common": COMMON,
-    "seldom": COMMON + SELDOM,
-    "contacts": COMMON + CONTACTS,
-    "everything": COMMON + SELDOM + CONTACTS,
+    "first_order": BASE + FIRST_ORDER,
+    "second_order": BASE + SECOND_ORDER,
+    "first_order_seldom": BASE + FIRST_ORDER + SELDOM,
+    "second_order_seldom": BASE + SECOND_ORDER + SELDOM,
+    "contacts": BASE + FIRST_ORDER + CONTACTS,
+    "contacts_seldom": BASE + FIRST_ORDER + CONTACTS + SELDOM,
 }
-"""Passes of each machine, the smallest first: what a scene does not use need not be compiled for it."""
+"""Passes of each machine, the smaller ones first: what a scene does not use need not be compiled for it."""
 
 
 @cache
