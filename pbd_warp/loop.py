@@ -65,12 +65,18 @@ class Loop:
         self.compile_seconds = self._load_kernels()
         self._graph = self._capture() if settings.capture else None
 
-    def make_frame(self) -> None:
-        """Advance the state by a frame."""
+    def make_frames(self, frames: int) -> int:
+        """Advance the state by so many frames, or up to one that fails, or by one; how many were made."""
+        explicit = self.explicit
+        # A limit on energy is looked at after each frame, and one to be made again needs its own start.
+        many = explicit and explicit.makes_many and self.monitor.energy_limit is None and self.start is None
+        if explicit:
+            explicit.want(frames if many else 1)
         if self._graph is None:
             self.run_frame()
         else:
             wp.capture_launch(self._graph)
+        return explicit.made if explicit and many else 1
 
     def run_frame(self) -> None:
         """Launch the steps of a frame, and the search for divergence at its end."""
