@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pbd_warp.errors import SimulationFailed
 from pbd_warp.preflight import SMALLER_STEPS, Snapshot, nearest_remedy
 from pbd_warp.step.constraints.contact import room_for_contacts
 
@@ -12,15 +13,21 @@ Failure = tuple[str, int]
 ("newton", how many solutions), ("contacts", how many there were without room for them)."""
 
 
-def describe(now: Snapshot, failure: Failure) -> str:
-    """One sentence about a frame that has just been made."""
+def failed(when: str, now: Snapshot, failure: Failure, tried: str = "") -> SimulationFailed:
+    """The error about a frame that has just been made.
+
+    Args:
+        when: Which frame it is.
+        tried: What was tried to save it.
+    """
     kind, number = failure
     if kind == "contacts":
         room = room_for_contacts(now.model.particle_count, now.settings.max_contacts)
-        what = f"{number} contacts, but there is room for {room}"
-        return f"{what}; give Simulation or Scene max_contacts={2 * number} or more"
-    remedy = nearest_remedy(now) or _remedy(now, failure[0])
-    return f"{_finding(now, failure)} with {now.settings}; {_worst_constraint(now)}{remedy}"
+        what = f"{when}: {number} contacts, but there is room for {room}"
+        return SimulationFailed(what, remedy=f"give Simulation or Scene max_contacts={2 * number} or more")
+    where = "; ".join(text for text in (f"with {now.settings}", _worst_constraint(now)) if text)
+    remedy = "; ".join(text for text in (nearest_remedy(now) or _remedy(now, kind), tried) if text)
+    return SimulationFailed(f"{when}: {_finding(now, failure)}", where=where, remedy=remedy)
 
 
 def _remedy(now: Snapshot, kind: str) -> str:
@@ -61,8 +68,8 @@ def _worst_constraint(now: Snapshot) -> str:
     worst = int(np.argmax(c))
     if worst >= len(edges):
         particle = points.particle[worst - len(edges)]
-        return f"the worst constraint is the point of particle {particle}, off by {c[worst]:.3g} m; "
+        return f"the worst constraint is the point of particle {particle}, off by {c[worst]:.3g} m"
     i, j = edges.edge[worst]
     rest = edges.rest_length[worst]
     relative = f" ({100 * c[worst] / rest:.3g} % of its length)" if rest > 0.0 else ""
-    return f"the worst constraint is the distance of particles {i} and {j}, off by {c[worst]:.3g} m{relative}; "
+    return f"the worst constraint is the distance of particles {i} and {j}, off by {c[worst]:.3g} m{relative}"

@@ -9,6 +9,7 @@ import numpy as np
 from pbd_warp.forces import Forces
 from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.simulation import Simulation
+from pbd_warp.step.divergence import STRETCHED
 
 
 @dataclass(frozen=True)
@@ -18,16 +19,20 @@ class Measures:
     residual: Largest |C| [m] of what should hold exactly: distances and points without compliance, overlaps of
         particles in contact and with colliders.
     max_stretch: Largest | |x_i - x_j| / rest_length - 1 | of all distances (of rest length above 0).
+    stretched: Distances without compliance that are off by more than STRETCHED of their length (step/divergence.py).
     overlap: Deepest overlap of two particles in contact, or of a particle and a collider [m].
     energy: Kinetic, in gravity (0 at the origin's height) and in compliant constraints [J].
+    kinetic: The first of these [J].
     momentum [kg m/s], angular_momentum about the origin [kg m^2/s]: of all free particles, shape [3].
     forces: Tensions, reactions and contact forces of the last step; None where the method does not keep them.
     """
 
     residual: float
     max_stretch: float
+    stretched: int
     overlap: float
     energy: float
+    kinetic: float
     momentum: np.ndarray
     angular_momentum: np.ndarray
     forces: Forces | None
@@ -49,13 +54,17 @@ def _measure(sim: Simulation) -> Measures:
     c = edges.residual(x)
     c_point = np.zeros(0) if sim.point_target is None else points.residual(x, sim.point_target.numpy())
     rated = edges.rest_length > 0.0
+    stretch = c[rated] / edges.rest_length[rated]
     overlap = max(_pair_overlap(sim, x), _collider_overlap(sim, x))
     elastic = _elastic(c, edges.compliance) + _elastic(c_point, points.compliance)
+    kinetic = float(0.5 * m @ np.sum(v * v, axis=1))
     return Measures(
         residual=max(_largest(c[edges.compliance == 0.0]), _largest(c_point[points.compliance == 0.0]), overlap),
-        max_stretch=_largest(c[rated] / edges.rest_length[rated]),
+        max_stretch=_largest(stretch),
+        stretched=int(np.count_nonzero(~(np.abs(stretch[edges.compliance[rated] == 0.0]) <= STRETCHED))),
         overlap=overlap,
-        energy=float(0.5 * m @ np.sum(v * v, axis=1) - m @ (x @ model.gravity)) + elastic,
+        energy=kinetic - float(m @ (x @ model.gravity)) + elastic,
+        kinetic=kinetic,
         momentum=m @ v,
         angular_momentum=m @ np.cross(x, v),
         forces=sim.forces if sim.settings.method.keeps_forces else None,

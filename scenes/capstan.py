@@ -8,7 +8,8 @@ import numpy as np
 
 import pbd_warp as pbd
 
-BALL, SIDE = 0.3, 0.6  # m: the ball's radius, and what hangs down on either side
+BALL, SIDE = 0.3, 0.6  # m: of the circle that the rope's middle lies on, and what hangs down on either side
+THICK = 0.005  # m: the rope's radius
 ROPE, WEIGHT = 0.01, 1.0  # kg: of the rope, and at its lighter end
 
 
@@ -19,8 +20,8 @@ def scene(load: float = 0.9, friction: float = 0.3, links: int = 60) -> pbd.Scen
     mass[0] += WEIGHT
     mass[-1] += WEIGHT * load * limit(x, friction)
     builder = pbd.ModelBuilder()
-    builder.add_rope(x, mass=mass, pinned=())
-    builder.add_sphere((0, 0, 0), BALL, friction=friction)
+    builder.add_rope(x, mass=mass, pinned=(), radius=THICK)
+    builder.add_sphere((0, 0, 0), BALL - THICK, friction=friction)
     return pbd.Scene(builder, frames=120, substeps=4, method=pbd.Direct())
 
 

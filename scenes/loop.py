@@ -15,7 +15,7 @@ def scene(links: int = 24) -> pbd.Scene:
         raise pbd.InputError(f"a loop has 3 links or more, not {links}")
     angle = 2.0 * np.pi * np.arange(links) / links
     radius = 0.5 / links / np.sin(np.pi / links)
-    x = radius * np.stack([np.sin(angle), np.cos(angle) - 1.0, 0.1 * np.sin(2.0 * angle)], axis=1)
+    x = radius * np.stack([np.sin(angle), np.cos(angle) - 1.0, 0.0 * angle], axis=1)
     edges = np.stack([np.arange(links), np.roll(np.arange(links), -1)], axis=1)
     builder = pbd.ModelBuilder()
     builder.add_graph(x, edges, mass=0.2, pinned=(0,), radius=0.01)

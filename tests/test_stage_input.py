@@ -247,9 +247,9 @@ def test_refused(folder, monkeypatch, capfd, spoil, args, message):
 @pytest.mark.parametrize(
     ("out", "message"),
     [
-        ("a.usda", "a.usda is a file that the stage is read from"),
-        ("./a.usda", "a.usda is a file that the stage is read from"),
-        ("set.usda", "set.usda is a file that the stage is read from"),
+        ("a.usda", "--out and the stage are both"),
+        ("./a.usda", "--out and the stage are both"),
+        ("set.usda", "--out and the stage are both"),
         ("b.abc", "must end in one of"),
         ("b.usdz", "must end in one of"),
         ("no/b.usda", "no does not exist"),

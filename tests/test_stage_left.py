@@ -301,3 +301,45 @@ def test_the_command_line_tells_what_is_left_and_how_long_each_phase_took(tmp_pa
         main()
     assert stop.value.code == 2
     assert "curve 0 is left as it is" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), -0.5])
+def test_widths_are_checked_at_every_frame(tmp_path, bad):
+    """What USD makes of bad ones is an extent that is not finite, or with its ends swapped."""
+    stage = new_stage(tmp_path / "a.usda")
+    curves = add_curves(stage, "/World/C", line(6))
+    for time, width in ((0, 0.02), (4, 0.02), (5, bad), (6, 0.02)):
+        curves.GetWidthsAttr().Set([width], time)
+    stage.Save()
+    result, source, _ = simulated(tmp_path / "a.usda", check=False)
+    assert any(f"width 0 is {bad:g} at time code 5: in extents it counts as 0" in text for text in source.left)
+    for time in range(24):
+        extent = local(result, "/World/C", time, "extent")
+        assert np.isfinite(extent).all()
+        assert np.all(extent[0] <= extent[1])
+
+
+def test_an_attribute_of_another_type_is_named(tmp_path):
+    stage = new_stage(tmp_path / "a.usda")
+    add_curves(stage, "/World/C", line(6))
+    add_curves(stage, "/World/D", line(6))
+    layer = stage.GetRootLayer()
+    del layer.GetPrimAtPath("/World/C").properties["widths"]
+    Sdf.AttributeSpec(layer.GetPrimAtPath("/World/C"), "widths", Sdf.ValueTypeNames.StringArray).default = ["a"]
+    stage.Save()
+    _, source, _ = simulated(tmp_path / "a.usda", check=False)
+    assert source.left == ["/World/C is left as it is: /World/C.widths is string[], where USD has float[]"]
+
+
+def test_what_would_not_open_again_is_not_flattened(tmp_path):
+    stage = new_stage(tmp_path / "a.usda")
+    add_curves(stage, "/World/C", line(6))
+    cube = UsdGeom.Cube.Define(stage, "/World/Cube").GetPrim()
+    spec = stage.GetRootLayer().GetPrimAtPath(cube.GetPath())
+    Sdf.AttributeSpec(spec, "visibility", Sdf.ValueTypeNames.Bool).default = True
+    stage.Save()
+    message = "cannot be flattened: /World/Cube.visibility is bool, where USD has token"
+    with pytest.raises(pbd.InputError, match=message):
+        simulated(tmp_path / "a.usda", flatten=True)
+    result, _, _ = simulated(tmp_path / "a.usda", check=False)
+    assert result.GetPrimAtPath("/World/C")

@@ -8,17 +8,23 @@ from typing import Annotated, Any
 
 import typer
 
-from pbd_warp import check
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Checkpoint, Debug, Device, Dtype, Every, Resume, changed, takes_settings
-from pbd_warp.cli.run import hooks_of, table
-from pbd_warp.cli.terminal import as_options, interruptible, one_sentence, progress_bar
+from pbd_warp.cli.run import hooks_of, table, written
+from pbd_warp.cli.terminal import interruptible, one_sentence, tell, warn
 from pbd_warp.curves import Material, StageHooks, load_stage, simulate
+from pbd_warp.curves.layer import layer_files
+from pbd_warp.paths import check_apart
+from pbd_warp.progress import progress_bar
 from pbd_warp.run import Checkpoints
 from pbd_warp.usd.writer import check_path
 
 
-@app.command("simulate")
+@command(
+    "simulate",
+    "simulate room.usda --out sim.usda",
+    "simulate room.usda --out sim.usda --prim '/World/Cables' --collide '/World/Floor' --pin ends",
+)
 @takes_settings
 def simulate_stage(
     stage: Annotated[Path, typer.Argument(metavar="STAGE", help="A .usda, .usdc, .usd or .usdz file.")],
@@ -62,9 +68,8 @@ def simulate_stage(
 ) -> None:
     """Simulate the curves of a USD stage and write the animation as a layer over it."""
     with one_sentence(debug):
-        check_path(out)
-        if stats is not None:
-            check.folder(stats.parent)
+        outputs = written(check_path(out), checkpoint, stats)
+        check_apart({"the stage": [stage]}, outputs)
         chosen = Material(pin, density, mass, compliance)
         clock = Stopwatch()
         with progress_bar(stage.stem) as advance, interruptible() as stop_if_asked:
@@ -91,22 +96,17 @@ def simulate_stage(
                 skip or (),
                 strict,
             )
+            check_apart({"the stage": layer_files(source.stage)}, outputs)
             for text in (*source.notes, *source.left):
-                tell(text)
+                warn(text)
             source = source.changed(settings=changed(source.scene.settings, changes))
             clock.total = source.timeline.frames
             hooks = hooks_of(checkpoint, every, resume, frame_done)
-            result = simulate(source, out, flatten, StageHooks(**vars(hooks), on_note=tell, on_phase=begin), strict)
+            result = simulate(source, out, flatten, StageHooks(**vars(hooks), on_note=warn, on_phase=begin), strict)
             clock.begin("")
         if stats is not None:
             result.save(stats)
-        typer.echo(table(result))
-        typer.echo(f"{'time':13} {clock}")
-
-
-def tell(text: str) -> None:
-    """What one should know of a run that goes on."""
-    typer.echo(f"pbd-warp: {as_options(text)}", err=True)
+        tell(f"{table(result)}\n{'time':13} {clock}")
 
 
 class Stopwatch:

@@ -2,12 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom
 
 from pbd_warp.errors import InputError
+
+
+def check_types(prim: Usd.Prim) -> None:
+    """Raise an InputError where an attribute of a prim has another type than its schema says: USD gives its value all
+    the same."""
+    definition = prim.GetPrimDefinition()
+    for attribute in prim.GetAuthoredAttributes():
+        expected = definition.GetSchemaAttributeSpec(attribute.GetName())
+        for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()) if expected else ():
+            if not isinstance(spec, Sdf.AttributeSpec) or spec.typeName.type != expected.typeName.type:
+                found = spec.typeName if isinstance(spec, Sdf.AttributeSpec) else "a relationship"
+                raise InputError(f"{attribute.GetPath()} is {found}, where USD has {expected.typeName}")
+
+
+def with_ancestors(prim: Usd.Prim) -> Iterator[Usd.Prim]:
+    """A prim and all that it is in, the innermost first."""
+    while prim and not prim.IsPseudoRoot():
+        yield prim
+        prim = prim.GetParent()
 
 
 def changes(attribute: Usd.Attribute, time_codes: np.ndarray) -> bool:

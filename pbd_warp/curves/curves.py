@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, Vt
 
-from pbd_warp.curves.attributes import changes
+from pbd_warp.curves.attributes import changes, check_types, with_ancestors
 from pbd_warp.curves.fit import Fit
 from pbd_warp.curves.kinds import read_kind
 from pbd_warp.curves.material import Material
@@ -53,6 +53,8 @@ class Curves:
         self.skinning = skinning
         self.left: dict[int, str] = {}
         self.notes: list[str] = []
+        for each in with_ancestors(prim):
+            check_types(each)
         self._geometry = UsdGeom.Curves(prim)
         self._tangents = UsdGeom.HermiteCurves(prim).GetTangentsAttr() if prim.IsA(UsdGeom.HermiteCurves) else None
         if self._tangents and skinning:
@@ -156,8 +158,8 @@ class Curves:
         if not (np.isfinite(values[kept]).all() and np.isfinite(way).all()):
             raise SimulationFailed(f"{self.path} at time code {time_code:g} is not finite in its local space")
         points = Vt.Vec3fArray.FromNumpy(values[:count])
-        widths = self._geometry.GetWidthsAttr().Get(time_code) or Vt.FloatArray()
-        frame = [points, Vt.Vec3fArray.FromNumpy(way), UsdGeom.Curves.ComputeExtent(points, widths)]
+        extent = UsdGeom.Curves.ComputeExtent(points, self._primvars.shown_widths(time_code))
+        frame = [points, Vt.Vec3fArray.FromNumpy(way), extent]
         return [*frame, Vt.Vec3fArray.FromNumpy(values[count:])] if self._tangents else frame
 
     def _to_world(self, local: np.ndarray, time_code: float) -> np.ndarray:
@@ -219,6 +221,7 @@ class Curves:
             width, self.notes = None, [f"{error}: it is simulated as {1e3 * WIDTH:g} mm wide"]
         if self._primvars.widths_change:
             self.notes = ["its widths change with time: it is simulated with those of the first frame"]
+            self.notes += self._primvars.later_width_faults()
         if width is None:
             return np.full(self.sampling.count, WIDTH)
         width = scale * np.maximum(width, 0.0)

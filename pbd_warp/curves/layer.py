@@ -6,8 +6,9 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Ar, Sdf, Usd, UsdGeom
 
+from pbd_warp.curves.attributes import check_types
 from pbd_warp.curves.scene import StageScene
 from pbd_warp.curves.skinning import unbind
 from pbd_warp.errors import InputError
@@ -23,12 +24,10 @@ OF_THE_FILE = ("subLayers", "subLayerOffsets", "primChildren", "layerRelocates",
 """What a layer says of itself; the rest of its metadata is about the stage, and USD reads it of the root layer only."""
 
 
-def check_out(source: Usd.Stage, out: Path) -> None:
-    """Raise an InputError where the output would replace a file that the input is made of."""
-    for layer in source.GetUsedLayers():
-        read = layer.realPath
-        if read and out.exists() and os.path.samefile(read.split("[")[0], out):
-            raise InputError(f"{out} is a file that the stage is read from: write to another")
+def layer_files(stage: Usd.Stage) -> list[Path]:
+    """The files that a stage is read from."""
+    paths = [Ar.SplitPackageRelativePathOuter(layer.realPath)[0] for layer in stage.GetUsedLayers()]
+    return [Path(path) for path in dict.fromkeys(paths) if path and Path(path).is_file()]
 
 
 def override_layer(source: StageScene, out: Path, metadata: Mapping[str, str | int | float]) -> Usd.Stage:
@@ -52,7 +51,16 @@ def override_layer(source: StageScene, out: Path, metadata: Mapping[str, str | i
 
 
 def flattened(source: StageScene, metadata: Mapping[str, str | int | float]) -> Usd.Stage:
-    """The whole input as one layer in memory, without what the simulation replaces."""
+    """The whole input as one layer in memory, without what the simulation replaces.
+
+    Raises:
+        InputError: an attribute anywhere of another type than it should have, which would not open again.
+    """
+    for prim in source.stage.TraverseAll():
+        try:
+            check_types(prim)
+        except InputError as error:
+            raise InputError(f"the stage cannot be flattened: {error}") from None
     layer = source.stage.Flatten(addSourceFileComment=False)
     layer.customLayerData = {**layer.customLayerData, **metadata}
     stage = Usd.Stage.Open(layer)

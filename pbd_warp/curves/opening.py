@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from pxr import Tf, Usd, UsdGeom, UsdUtils
 
@@ -28,9 +29,16 @@ def open_stage(path: Path) -> Usd.Stage:
     except Tf.ErrorException:
         raise InputError(f"{path} cannot be read as USD: is it complete, and does its ending say what it is?") from None
     finally:
-        warnings = [diagnostic.commentary for diagnostic in said.TakeUncoalescedDiagnostics()]
+        warnings = [_words(diagnostic) for diagnostic in said.TakeUncoalescedDiagnostics()]
     if stage.GetCompositionErrors():
         reason = warnings[0].split(" (instantiating")[0] if warnings else str(stage.GetCompositionErrors()[0])
         raise InputError(f"{path} is not complete: {reason.rstrip('.')}")
     check.number(f"metersPerUnit of {path}", UsdGeom.GetStageMetersPerUnit(stage), above=0.0)
     return stage
+
+
+def _words(diagnostic: Any) -> str:
+    try:
+        return diagnostic.commentary
+    except UnicodeDecodeError:
+        return "it names something that is no text, as damaged files do"

@@ -27,7 +27,7 @@ class Playback:
         moved: Whether any free point has gone anywhere so far.
     """
 
-    memory = None  # where pinned points are depends on the frame alone
+    script = memory = None  # where pinned points are depends on the stage and the frame alone
 
     def __init__(self, source: StageScene, model: Model):
         self._source = source

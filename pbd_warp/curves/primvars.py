@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pxr import UsdGeom
+from pxr import UsdGeom, Vt
 
 from pbd_warp.curves.attributes import changes, numbers_of
 from pbd_warp.curves.sampling import Kind, Sampling
@@ -47,6 +47,21 @@ class Primvars:
     @property
     def _width_primvar(self) -> UsdGeom.Primvar:
         return UsdGeom.PrimvarsAPI(self._geometry).FindPrimvarWithInheritance("widths")
+
+    def shown_widths(self, time_code: float) -> Vt.FloatArray:
+        """What USD makes extents with at a frame; what is negative or not finite is 0, or they would be neither."""
+        widths = np.array(self._geometry.GetWidthsAttr().Get(time_code) or (), np.float32)
+        return Vt.FloatArray.FromNumpy(np.where(np.isfinite(widths), np.maximum(widths, 0.0), 0.0).astype(np.float32))
+
+    def later_width_faults(self) -> list[str]:
+        """A sentence on the first of the later frames at which a width is negative or not finite, if there is one."""
+        attribute = self._geometry.GetWidthsAttr()
+        for time_code in map(float, self._time_codes[1:]):
+            widths = np.array(attribute.Get(time_code) or (), np.float64)
+            bad = np.flatnonzero(~np.isfinite(widths) | (widths < 0.0))
+            if bad.size:
+                return [f"width {bad[0]} is {widths[bad[0]]:g} at time code {time_code:g}: in extents it counts as 0"]
+        return []
 
     @property
     def widths_change(self) -> bool:

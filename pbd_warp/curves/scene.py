@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from pxr import Usd
+from pxr import Tf, Usd
 
 from pbd_warp import check
 from pbd_warp.curves.colliders import add_collider
@@ -25,6 +25,7 @@ from pbd_warp.errors import InputError, unknown
 from pbd_warp.model.builder import DTYPES, ModelBuilder, find_device
 from pbd_warp.scene import Scene
 from pbd_warp.step.methods import Direct
+from pbd_warp.usd.errors import reason
 
 SUBSTEPS = 16
 """With which `Direct` keeps a hair at 24 frames a second from losing its swing."""
@@ -163,6 +164,8 @@ def _read_curves(
             curves.append(Curves(prim, time_codes, material.of(prim, time_codes), skeletons.skinning(prim)))
         except InputError as error:
             reasons[path] = str(error)
+        except (Tf.ErrorException, UnicodeDecodeError) as error:
+            reasons[path] = f"USD cannot read it: {reason(error)}"
     return curves, reasons
 
 

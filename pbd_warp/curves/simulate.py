@@ -7,12 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 
-from pbd_warp.curves.layer import animated_attributes, check_out, flattened, override_layer
+from pbd_warp.curves.layer import animated_attributes, flattened, layer_files, override_layer
 from pbd_warp.curves.playback import Playback
 from pbd_warp.curves.scene import StageScene
 from pbd_warp.errors import SimulationFailed
+from pbd_warp.figures import RunStats, provenance
+from pbd_warp.identity import Identity, digest_of_files
 from pbd_warp.model.model import State
-from pbd_warp.run import Hooks, RunStats, make_frames, provenance
+from pbd_warp.paths import animation_files, check_apart
+from pbd_warp.run import Hooks, make_frames, tell_cost
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd.animation import Animation
 from pbd_warp.usd.writer import check_path
@@ -50,8 +53,8 @@ def simulate(
         InputError: before anything is simulated or written.
         SimulationFailed: the frames so far are kept (see Animation).
     """
-    check_path(out)
-    check_out(source.stage, out)
+    out = check_path(out)
+    check_apart({"the stage": layer_files(source.stage)}, {"the output": animation_files(out)})
     told = hooks if isinstance(hooks, StageHooks) else StageHooks(**vars(hooks))
     may_leave = not strict and hooks.checkpoints is None
     while True:
@@ -85,6 +88,7 @@ class _Attempt:
         self._may_leave = may_leave
         self._scene = source.scene.changed(frames=source.timeline.frames, dt=1.0 / source.timeline.fps)
         model = self._scene.builder.finalize(source.device, source.dtype)
+        tell_cost(model, self._scene.settings, hooks)
         self._sim = Simulation(model, self._scene.settings)
         self.playback = Playback(source, model)
         made_by = provenance(self._scene, model)
@@ -97,8 +101,11 @@ class _Attempt:
             hooks.on_warning(replace(warning, text=self.playback.in_words(warning.text)))  # type: ignore
 
         hooks = self._hooks
-        told = Hooks(hooks.on_frame, warn, hooks.checkpoints)
-        result = make_frames(self._scene, self._sim, self.playback, self._open, self._out, told)
+        told = Hooks(hooks.on_frame, hooks.on_start, warn, hooks.checkpoints)
+        time = self._source.timeline
+        said = [[curves.path for curves in self._source.curves], time.start, time.fps, time.time_codes_per_second]
+        stage = digest_of_files(layer_files(self._source.stage), said)
+        result = make_frames(self._scene, self._sim, self.playback, self._open, self._out, told, stage)
         if not self.playback.moved:
             hooks.on_note(f"nothing moved: {self.playback.why_still()}")
         if result.unconverged:
@@ -108,9 +115,9 @@ class _Attempt:
             )
         return result
 
-    def _open(self, resume: int | None) -> _Attempt:
+    def _open(self, resume: int | None, identity: Identity) -> _Attempt:
         attributes = animated_attributes(self._stage, self._source)
-        self._animation = Animation(self._out, self._stage, attributes, resume)
+        self._animation = Animation(self._out, self._stage, attributes, resume, identity=identity)
         return self
 
     def write(self, state: State) -> None:

@@ -18,6 +18,9 @@ from pbd_warp.simulation import Simulation
 from pbd_warp.stability.classify import Figures
 from pbd_warp.step.divergence import Limits
 
+STEPS_A_FRAME = "substeps a frame of 1/60 s"
+"""What an axis of them is called."""
+
 EARTH = 9.81
 """Weighs what has no gravity, so that energies can be compared [m/s^2]."""
 
@@ -71,8 +74,13 @@ def run_scene(
             stretch=max(max(now.max_stretch, now.overlap / diameter) for now in late),
             left=float("inf") if stopped and finite else left,
             error=error(sim) if error is not None and finite else float("nan"),
-            iterations=iterations / max(sim.frame * sim.settings.whole_substeps, 1),
+            iterations=iterations / max(sim.frame * sim.settings.steps_a_frame, 1),
         )
+
+
+def stepped(scene: Scene, steps: float) -> Scene:
+    """A scene in so many steps a frame."""
+    return scene.changed(substeps=round(steps))
 
 
 def study(name: str, **parameters: Any) -> Scene:

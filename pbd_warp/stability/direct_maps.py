@@ -10,7 +10,7 @@ from pbd_warp.measure import measure
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.stability import theory
-from pbd_warp.stability.cell import run_scene, size_of, study
+from pbd_warp.stability.cell import STEPS_A_FRAME, run_scene, size_of, stepped, study
 from pbd_warp.stability.classify import Figures
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
 from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi, Method
@@ -19,7 +19,7 @@ LINKS = 60
 """Of the rope over the ball."""
 
 
-def _capstan(method: Method, substeps: int) -> Panel:
+def _capstan(method: Method, steps: int) -> Panel:
     """A cell: the rope at friction x and load y for a second; off where it has moved by more than OFF of its size."""
 
     def cell(friction: float, load: float) -> Figures:
@@ -30,7 +30,7 @@ def _capstan(method: Method, substeps: int) -> Panel:
             ends = sim.state.x.numpy()[[0, -1]] - sim.model.x[[0, -1]]
             return float(np.abs(ends).max() / size_of(sim.model))
 
-        return run_scene(scene.changed(frames=60, method=method, substeps=substeps), energy=False, error=slip)
+        return run_scene(stepped(scene, steps).changed(frames=60, method=method), energy=False, error=slip)
 
     if not isinstance(method, Direct):
         return Panel(cell)  # which is not what the theory speaks of
@@ -47,9 +47,9 @@ CAPSTAN = Map(
         (0.6, 0.8, 0.9, 0.97, 0.99, 1.01, 1.03, 1.1, 1.3),
     ),
     panels={
-        "direct, 4 substeps": _capstan(Direct(), 4),
-        "gauss-seidel, 64 substeps of 1": _capstan(GaussSeidel(1), 64),
-        "jacobi, 4 substeps of 20": _capstan(Jacobi(20), 4),
+        "direct, 4 steps a frame": _capstan(Direct(), 4),
+        "gauss-seidel, 64 steps of 1": _capstan(GaussSeidel(1), 64),
+        "jacobi, 4 steps of 20": _capstan(Jacobi(20), 4),
     },
     text="60 links of 0.01 kg over a ball, 1 kg at one end. Off: an end has moved by more than 1 % of the scene in a "
     "second. Newton's method, which takes friction as Coulomb's law has it, holds below the capstan equation and "
@@ -58,8 +58,8 @@ CAPSTAN = Map(
 
 
 def _short_link(method: Method, dtype: str) -> Panel:
-    def cell(ratio: float, substeps: float) -> Figures:
-        scene = study("short_link", ratio=ratio).changed(method=method, substeps=int(substeps))
+    def cell(ratio: float, steps: float) -> Figures:
+        scene = stepped(study("short_link", ratio=ratio), steps).changed(method=method)
         return run_scene(scene, dtype, energy=False, error=lambda sim: measure(sim).max_stretch)
 
     return Panel(cell)
@@ -70,7 +70,7 @@ SHORT_LINK = Map(
     title="One link far shorter than the others",
     scene="short_link",
     x=Axis("its length over theirs", tuple(10.0**k for k in range(-7, 1)), log=True),
-    y=Axis("substeps a frame of 1/60 s", (1, 4, 16), log=True),
+    y=Axis(STEPS_A_FRAME, (1, 4, 16), log=True),
     panels={
         "direct, float32": _short_link(Direct(), "float32"),
         "direct, float64": _short_link(Direct(), "float64"),
@@ -84,8 +84,8 @@ SHORT_LINK = Map(
 
 
 def _graph(scene: Callable[[int], Scene]) -> Panel:
-    def cell(links: float, substeps: float) -> Figures:
-        return run_scene(scene(int(links)).changed(frames=60, substeps=int(substeps), on_failure="continue"))
+    def cell(links: float, steps: float) -> Figures:
+        return run_scene(stepped(scene(int(links)), steps).changed(frames=60))
 
     return Panel(cell)
 
@@ -100,7 +100,7 @@ LOOPS = Map(
     title="Iterations of Newton's method on closed and taut graphs",
     scene="net",
     x=Axis("links, about", (12, 24, 60, 180, 480), log=True),
-    y=Axis("substeps a frame of 1/60 s", (1, 2, 4, 8, 16), log=True),
+    y=Axis(STEPS_A_FRAME, (1, 2, 4, 8, 16), log=True),
     panels={
         "a loop": _graph(lambda links: study("loop", links=links)),
         "a net held by one corner": _graph(lambda links: study("net", side=_side(links), corners=1)),

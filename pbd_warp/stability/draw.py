@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pbd_warp.accuracy.plot import check_picture
+from pbd_warp.atomic import replacing
 from pbd_warp.stability.atlas import Cell, Measured
 from pbd_warp.stability.classify import OUTCOMES
 from pbd_warp.stability.map import Axis, Boundary, Map
@@ -83,7 +84,8 @@ def draw(measured: Measured, path: str | Path) -> None:
         note = "; ".join(measured.info[key] for key in ("machine", "versions", "date") if key in measured.info)
         for index, line in enumerate(reversed(textwrap.wrap(note, round(18 * width)))):
             figure.text(0.1 / width, (0.08 + 0.13 * index) / height, line, size=SMALL - 1.5, color=GREY)
-        figure.savefig(path, format=form, dpi=130, metadata={"Date": None} if form == "svg" else None)
+        with replacing(Path(path)) as temporary:
+            figure.savefig(temporary, format=form, dpi=130, metadata={"Date": None} if form == "svg" else None)
 
 
 def _panel(axes: Axes, measured: Measured, name: str) -> None:

@@ -14,7 +14,9 @@ from pxr import Gf, Kind, Usd, UsdGeom, Vt
 
 from pbd_warp import check
 from pbd_warp.errors import InputError, SimulationFailed
+from pbd_warp.identity import Identity
 from pbd_warp.model.model import Model, State
+from pbd_warp.paths import check_file
 from pbd_warp.usd.animation import Animation
 from pbd_warp.usd.space import Space
 from pbd_warp.usd.surroundings import Surroundings
@@ -30,14 +32,11 @@ SHOWN_WIDTH = 0.3
 
 
 def check_path(path: str | os.PathLike[str]) -> Path:
-    """The path as one that a stage can be written to, or an InputError that says why it is none."""
+    """The file that a stage can be written to there, through links, or an InputError that says why there is none."""
     out = Path(path)
     if out.suffix not in EXTENSIONS:
         raise InputError(f"{out} must end in one of {', '.join(EXTENSIONS)}, not in {out.suffix or 'nothing'!r}")
-    if out.is_dir():
-        raise InputError(f"{out} is a folder; name a file in it")
-    check.folder(out.parent)
-    return out
+    return check_file(out, added=".partial.frames")
 
 
 class UsdWriter:
@@ -57,6 +56,7 @@ class UsdWriter:
         resume: Go on after so many frames of what lies on disk; frames beyond are dropped.
         up_axis: "Y", as models have it, or "Z": everything is turned with it.
         meters_per_unit: Of the numbers in the file; models are in metres.
+        identity: Of the run; only files that carry the same are gone on from.
 
     Attributes:
         frames: Frames written so far.
@@ -76,6 +76,7 @@ class UsdWriter:
         resume: int | None = None,
         up_axis: str = "Y",
         meters_per_unit: float = 1.0,
+        identity: Identity | None = None,
     ):
         self._path = check_path(path)
         self._model = model
@@ -105,7 +106,7 @@ class UsdWriter:
 
         attributes = [attribute for geometry in self._geometry for attribute in geometry.attributes]
         self._surroundings = Surroundings(stage, model.colliders, space)
-        self._animation = Animation(self._path, stage, attributes, resume, self._surroundings.define)
+        self._animation = Animation(self._path, stage, attributes, resume, self._surroundings.define, identity)
         for extent in self._animation.values(self._geometry[0].extent):
             self._surroundings.include(extent)
 

@@ -66,7 +66,7 @@ class Direct:
     """
 
     name: ClassVar[str] = "direct"
-    remedy: ClassVar[str] = "use more substeps"
+    remedy: ClassVar[str] = ""
     keeps_forces: ClassVar[bool] = True
 
     iterations: int = 100
