@@ -1,5 +1,6 @@
 """Composition: whatever brings curves into a stage, what was asked for moves, and nothing else does."""
 
+import re
 import shutil
 import sys
 from pathlib import Path
@@ -255,3 +256,17 @@ def test_an_unfinished_file_shows_by_a_reference_to_its_root_prim(tmp_path, prim
         assert moving.Get(20)[-1][1] < -0.1
     else:
         np.testing.assert_array_equal(moving.Get(20), line().astype(np.float32))
+
+
+def test_every_row_of_the_table_in_the_docs_has_its_tests():
+    text = (Path(__file__).parents[1] / "docs" / "stages.md").read_text()
+    rows = text.split("## Composition and schemas")[1].split("|---|---|---|\n")[1].split("\n\n")[0].splitlines()
+    assert len(rows) > 20
+    code = "".join(path.read_text() for path in Path(__file__).parent.glob("test_stage*.py"))
+    for row in rows:
+        _, what, outcome, tests, _ = row.split("|")
+        assert outcome.strip(), what
+        names = re.findall(r"`(\w+)`", tests)
+        assert names, what
+        for name in names:
+            assert f"def {name}(" in code, f"{what}: {name}"
