@@ -265,6 +265,7 @@ window.pbd = {
   get count() { return view.shown ? view.shown.x.length / 3 : 0; },
   get positions() { return Array.from(view.shown.x); },
   get shown() { return view.shown.number; },
+  get paused() { return status?.paused ?? false; },
   get scene() { return view.scene.scene; },
   get camera() { return camera; },
 };
