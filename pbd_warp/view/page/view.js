@@ -16,12 +16,21 @@ const FAR = 10; // px between a held particle and the cursor, above which a line
 
 const $ = (id) => document.getElementById(id);
 const canvas = $("picture");
-const drawing = new Drawing(canvas, THEMES[scheme()]);
+const drawing = draws();
 const camera = new Camera();
 const follower = new Follower(camera);
 const playhead = new Playhead();
 const panel = new Panel(say);
 const messages = new Messages(say);
+
+function draws() {
+  try {
+    return new Drawing(canvas, THEMES[scheme()]);
+  } catch (error) {
+    Object.assign($("away"), { hidden: false, textContent: `Nothing can be drawn: ${error.message}` });
+    throw error;
+  }
+}
 
 let socket = null;
 let me = 0; // this page's number
@@ -258,6 +267,7 @@ window.pbd = {
   get paused() { return status?.paused ?? false; },
   get scene() { return view.scene.scene; },
   get camera() { return camera; },
+  tell: (sentence) => void messages.tell(sentence),
 };
 
 panel.fold(matchMedia("(max-width: 720px)").matches); // the picture first
