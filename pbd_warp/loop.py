@@ -54,7 +54,8 @@ class Loop:
             self.integrator = INTEGRATORS[name](context, damped=self.damper is not None)
             self.solver = settings.method.bind(context, self.contacts)
             if settings.grab_acceleration is not None:
-                self.pull = Pull(context, settings.grab_acceleration, settings.grab_speed)
+                bounds = settings.grab_acceleration, settings.grab_speed
+                self.pull = Pull(context, settings.dt, *bounds, fixed=not isinstance(settings.method, Direct))
         self.monitor = DivergenceMonitor(context, settings.limits)
         self.start: State | None = None
         if settings.on_failure in ("subdivide", "fallback"):
