@@ -56,7 +56,8 @@ class Loop:
             self.integrator = INTEGRATORS[name](context, damped=self.damper is not None)
             self.solver = settings.method.bind(context, self.contacts)
             if settings.grab_acceleration is not None:
-                self.pull = Pull(context, settings.grab_acceleration, settings.grab_speed)
+                bounds = settings.grab_acceleration, settings.grab_speed
+                self.pull = Pull(context, settings.dt, *bounds, fixed=not isinstance(settings.method, Direct))
         self.monitor = DivergenceMonitor(context, settings.limits)
         self.start: State | None = None
         if settings.on_failure in ("subdivide", "fallback"):
@@ -72,14 +73,19 @@ class Loop:
             self._graph = self._capture() if settings.capture else None
 
     def make_frames(self, frames: int) -> int:
-        """Advance the state by so many frames, or up to one that fails; how many were made."""
+        """Advance the state by so many frames, or up to one that fails, or by one; how many were made."""
         if self.machine is not None:
             return self.machine.make(frames)
+        explicit = self.explicit
+        # A limit on energy is looked at after each frame, and one to be made again needs its own start.
+        many = explicit and explicit.makes_many and self.monitor.energy_limit is None and self.start is None
+        if explicit:
+            explicit.want(frames if many else 1)
         if self._graph is None:
             self.run_frame()
         else:
             wp.capture_launch(self._graph)
-        return 1
+        return explicit.made if explicit and many else 1
 
     def run_frame(self) -> None:
         """Launch the steps of a frame, and the search for divergence at its end."""

@@ -69,8 +69,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
                 were more contacts than room for them. It is the last one made: `frame` and `state` are of it.
             InputError: frames is not a whole number of at least 1.
         """
-        frames = check.whole("frames", frames, low=1)
-        last = self.frame + frames
+        last = self.frame + check.whole("frames", frames, low=1)
         while self.frame < last:
             moves = self._moved.begin_frame(self.frame)
             self.frame += self._loop.make_frames(1 if moves else last - self.frame)

@@ -84,13 +84,11 @@ class KinematicParticles:
 
     def begin_frame(self, frame: int) -> bool:
         """What is not moved in this frame rests; whether anything is moved."""
-        moves = False
-        for path in (self._held_path, self._fixed_path):
-            if path.frame == frame:
-                moves = True
-            elif path.frame is not None:
+        paths = (self._held_path, self._fixed_path)
+        for path in paths:
+            if path.frame != frame:
                 path.stop()
-        return moves
+        return any(path.frame == frame for path in paths)
 
     def reset(self) -> None:
         """Nothing is held or moves."""
