@@ -11,7 +11,7 @@ import numpy as np
 from pbd_warp import check
 from pbd_warp.errors import InputError
 from pbd_warp.model.builder import DTYPES, components
-from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
+from pbd_warp.model.constraints import DistanceSet, PointSet, check_capsules, check_softness
 from pbd_warp.model.model import Colliders, Contacts, Model
 
 
@@ -79,7 +79,14 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
         raise InputError("distance.edge joins a particle to itself")
     contacts = None
     if "contacts.friction" in flat:
-        contacts = Contacts(float(within("contacts.friction", ())), float(within("contacts.restitution", (), 1.0)))
+        contacts = Contacts(
+            float(within("contacts.friction", ())),
+            float(within("contacts.restitution", (), 1.0)),
+            bool(take("contacts.links", (), np.bool_)),
+        )
+    radius = within("radius", (n,))
+    if contacts and contacts.links:
+        check_capsules(distance, radius)
     lengths = take("rope_lengths", (rows("rope_lengths"),), np.int64)
     along = in_range("ropes", (rows("ropes"),), n)
     if np.any(lengths < 1) or lengths.sum() != len(along):
@@ -89,7 +96,7 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
         x=take("x", (n, 3)),
         v=take("v", (n, 3)),
         w=within("w", (n,)),
-        radius=within("radius", (n,)),
+        radius=radius,
         distance=distance,
         point=point,
         contacts=contacts,

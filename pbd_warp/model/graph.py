@@ -34,3 +34,12 @@ def reach(links: dict[int, list[tuple[int, float]]], start: int, held: np.ndarra
         for to, rest in links.get(at, []):
             heapq.heappush(queue, (way + rest, to, steps + 1))
     return found
+
+
+def neighbours(edge: np.ndarray, particle_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Adjacency of a graph: the neighbours of i are neighbour[start[i]:start[i + 1]], and which[k] is the edge that
+    leads to neighbour[k]."""
+    both = np.concatenate([edge, edge[:, ::-1]])
+    order = np.argsort(both[:, 0], kind="stable")
+    start = np.searchsorted(both[order, 0], np.arange(particle_count + 1))
+    return start, both[order, 1], order % max(len(edge), 1)

@@ -29,10 +29,14 @@ class Colliders:
 
 @dataclass(frozen=True)
 class Contacts:
-    """Particle-particle contact: Coulomb friction and restitution of all pairs."""
+    """Contact of particles, or of links: Coulomb friction and restitution of all pairs.
+
+    links: Between capsules, which links are then, and particles that no link has.
+    """
 
     friction: float
     restitution: float
+    links: bool = False
 
 
 def masses(w: np.ndarray) -> np.ndarray:

@@ -89,6 +89,8 @@ class DirectSolver:
     def __init__(self, method: Direct, context: Context, contacts: ContactConstraints | None):
         self._context, self._contacts, self._method = context, contacts, method
         model = context.model
+        if contacts and contacts.links:
+            raise InputError("method 'direct' knows no contacts of links yet: use 'gauss-seidel' or 'jacobi'")
         if np.any(model.distance.stiffness < 1.0) or np.any(model.point.stiffness < 1.0):
             raise InputError("method 'direct' solves exactly: soften with compliance instead of a stiffness below 1")
         edges, points = model.distance, model.point

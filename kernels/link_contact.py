@@ -1,0 +1,377 @@
+"""Contacts between links: C(u) = gap + n . sum_m a_m u_m >= 0, over the two ends of either link.
+
+A contact is found as two capsules come near each other on the way x -> x + u (capsule.py), and stays the half-space of
+that moment: along n, between the points that were closest, whose barycentric weights a_m are positive on the first link
+and negative on the second. gap = n . sum_m a_m x_m - rest, rest the sum of the radii there.
+A particle that no link has is a capsule without length; where a closest point is an end, only that end takes part.
+
+    members  up to four particles, -1 where there is none; the first side's, then the second's
+    weights  a_m, each side's sum up to 1 and -1; 0 where there is none
+
+It is projected as every inequality of contact.py: dlam = max(-lam, -C / sum_m n_m w_m a_m^2), friction bounded by mu lam
+for the slip, which is the tangential part of sum_m a_m u_m. Every force acts on both links with one sum of zero and, at
+points n apart, without a torque but that of friction.
+Source: Mueller et al. 2007, section 3.4, for two segments; ours.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from pbd_warp.kernels.capsule import meet
+from pbd_warp.kernels.contact import friction_of, limit_overlap
+from pbd_warp.kernels.precision import Real, Vec3, Vec4, func, kernel
+
+NONE = wp.constant(-1)
+
+
+@kernel
+def sweep_links(
+    # Model:
+    link: wp.array[wp.vec2i],  # [link_count]
+    radius: wp.array[Real],  # [particle_count] [m]
+    margin: Real,  # watched beyond touching, relative to the radii
+    # State:
+    x: wp.array[Vec3],
+    # In:
+    u: wp.array[Vec3],
+    # Out:
+    middle: wp.array[Vec3],  # [link_count] of the box below [m]
+    extent: wp.array[Real],  # [link_count] radius of the ball around it that holds the link all along the step [m]
+    half_box: wp.array[Vec3],  # [link_count] of the box that does [m]
+):
+    e = wp.tid()
+    i = link[e][0]
+    j = link[e][1]
+    low = wp.min(wp.min(x[i], x[j]), wp.min(x[i] + u[i], x[j] + u[j]))
+    high = wp.max(wp.max(x[i], x[j]), wp.max(x[i] + u[i], x[j] + u[j]))
+    thick = (Real(1.0) + margin) * wp.max(radius[i], radius[j])
+    m = Real(0.5) * (low + high)
+    middle[e] = m
+    half_box[e] = Real(0.5) * (high - low) + Vec3(thick, thick, thick)
+    far = wp.max(wp.length(x[i] - m), wp.length(x[j] - m))
+    extent[e] = thick + wp.max(far, wp.max(wp.length(x[i] + u[i] - m), wp.length(x[j] + u[j] - m)))
+
+
+@wp.func
+def left_out(start: wp.array[wp.int32], neighbour: wp.array[wp.int32], a: wp.int32, b: wp.int32):
+    """Whether b is one of those that lie too near a along the rope to be kept off it."""
+    for k in range(start[a], start[a + 1]):
+        if neighbour[k] == b:
+            return True
+    return False
+
+
+@wp.func
+def hashed(pair: wp.vec2i, room: wp.int32):
+    """Where a pair is looked for first in a table with room for a power of two."""
+    mixed = wp.uint32(pair[0]) * wp.uint32(73856093) + wp.uint32(pair[1]) * wp.uint32(19349663)
+    mixed = (mixed ^ (mixed >> wp.uint32(15))) * wp.uint32(83492791)
+    return wp.int32((mixed ^ (mixed >> wp.uint32(13))) & wp.uint32(room - 1))
+
+
+@kernel
+def remember_contacts(
+    # In:
+    count: wp.array[wp.int32],  # [1]
+    pair: wp.array[wp.vec2i],  # [capacity]
+    normal: wp.array[Vec3],  # [capacity]
+    lam: wp.array[Real],  # [capacity]
+    # Out:
+    table: wp.array[wp.int32],  # [power of two] zero before: 1 + contact, at the place of its pair or after it
+    pair_before: wp.array[wp.vec2i],  # [capacity]
+    normal_before: wp.array[Vec3],  # [capacity]
+):
+    """The sides of those that pushed: a pair that sweeps left deep inside each other keeps the one that it has."""
+    k = wp.tid()
+    if k >= count[0] or lam[k] <= Real(0.0):
+        return
+    pair_before[k] = pair[k]
+    normal_before[k] = normal[k]
+    at = hashed(pair[k], table.shape[0])
+    while wp.atomic_cas(table, at, 0, k + 1) != 0:
+        at = (at + 1) % table.shape[0]
+
+
+@func
+def keep_side(
+    n: Vec3,
+    pair: wp.vec2i,
+    table: wp.array[wp.int32],
+    pair_before: wp.array[wp.vec2i],
+    normal_before: wp.array[Vec3],
+):
+    """n, or its opposite where the pair pushed each other the other way in the step before: then it has crossed."""
+    at = hashed(pair, table.shape[0])
+    k = table[at]
+    while k > 0:
+        before = pair_before[k - 1]
+        if before[0] == pair[0] and before[1] == pair[1]:
+            if wp.dot(n, normal_before[k - 1]) < Real(-0.5):
+                return -n
+            return n
+        at = (at + 1) % table.shape[0]
+        k = table[at]
+    return n
+
+
+@func
+def check_links(
+    a: wp.int32,
+    b: wp.int32,
+    # Model:
+    link: wp.array[wp.vec2i],
+    radius: wp.array[Real],
+    margin: Real,
+    depenetration: Real,
+    neighbour_start: wp.array[wp.int32],
+    neighbour: wp.array[wp.int32],
+    # State:
+    x: wp.array[Vec3],
+    w: wp.array[Real],
+    # In:
+    u: wp.array[Vec3],
+    table: wp.array[wp.int32],
+    pair_before: wp.array[wp.vec2i],
+    normal_before: wp.array[Vec3],
+    # Out:
+    count: wp.array[wp.int32],
+    pair: wp.array[wp.vec2i],
+    member: wp.array[wp.vec4i],
+    weight: wp.array[Vec4],
+    normal: wp.array[Vec3],
+    gap: wp.array[Real],
+    valence: wp.array[wp.int32],
+):
+    """Notes two links, a < b, as a contact where they come close; arguments as below."""
+    if left_out(neighbour_start, neighbour, a, b):
+        return
+    i = link[a][0]
+    j = link[a][1]
+    p = link[b][0]
+    q = link[b][1]
+    if w[i] + w[j] + w[p] + w[q] == Real(0.0):
+        return
+    apart = x[i] - x[p]
+    d_a = x[j] - x[i]
+    d_b = x[q] - x[p]
+    near, s, t, n = meet(
+        apart,
+        d_a,
+        d_b,
+        u[i] - u[p],
+        u[j] - u[i],
+        u[q] - u[p],
+        radius[i],
+        radius[j],
+        radius[p],
+        radius[q],
+    )
+    rest = radius[i] + s * (radius[j] - radius[i]) + radius[p] + t * (radius[q] - radius[p])
+    if near >= margin * rest:
+        return
+    n = keep_side(n, wp.vec2i(a, b), table, pair_before, normal_before)
+    share = Vec4(Real(1.0) - s, s, t - Real(1.0), -t)
+    taking = wp.vec4i(i, j, p, q)
+    k = wp.atomic_add(count, 0, 1)
+    if k < pair.shape[0]:
+        for m in range(4):
+            if share[m] == Real(0.0):
+                taking[m] = NONE
+            else:
+                wp.atomic_add(valence, taking[m], 1)
+        pair[k] = wp.vec2i(a, b)
+        member[k] = taking
+        weight[k] = share
+        normal[k] = n
+        gap[k] = limit_overlap(wp.dot(n, apart + s * d_a - t * d_b) - rest, depenetration)
+
+
+@kernel
+def find_link_contacts(
+    # Model:
+    grid: wp.uint64,  # HashGrid over the middles
+    link: wp.array[wp.vec2i],  # [link_count] both ends, twice the same for a particle by itself
+    radius: wp.array[Real],  # [particle_count] [m]
+    margin: Real,  # watched beyond touching, relative to the sum of radii
+    depenetration: Real,  # overlap that a step takes back at most [m]; negative: all of it
+    neighbour_start: wp.array[wp.int32],  # [link_count + 1]
+    neighbour: wp.array[wp.int32],  # of each link those that it need not be kept off
+    # State:
+    x: wp.array[Vec3],
+    w: wp.array[Real],
+    # In:
+    u: wp.array[Vec3],
+    table: wp.array[wp.int32],
+    pair_before: wp.array[wp.vec2i],
+    normal_before: wp.array[Vec3],
+    middle: wp.array[Vec3],
+    extent: wp.array[Real],
+    half_box: wp.array[Vec3],
+    # Out:
+    count: wp.array[wp.int32],  # [1] contacts found, may exceed the capacity
+    pair: wp.array[wp.vec2i],  # [capacity] links, the lower one first
+    member: wp.array[wp.vec4i],  # [capacity]
+    weight: wp.array[Vec4],  # [capacity]
+    normal: wp.array[Vec3],  # [capacity]
+    gap: wp.array[Real],  # [capacity] [m]
+    valence: wp.array[wp.int32],  # [particle_count]
+):
+    """Line 8: links whose paths x -> x + u come within a margin of touching, each pair once. The one whose ball is
+    larger looks for the other, so its own size bounds the search, and a fast or long one widens nobody else's."""
+    e = wp.hash_grid_point_id(grid, wp.tid())
+    size = extent[e]
+    m = middle[e]
+    box = half_box[e]
+    for f in wp.hash_grid_query(grid, m, size + size):
+        if size > extent[f] or (size == extent[f] and e < f):
+            away = wp.abs(middle[f] - m) - (box + half_box[f])
+            if wp.max(wp.max(away[0], away[1]), away[2]) <= Real(0.0):
+                check_links(
+                    wp.min(e, f),
+                    wp.max(e, f),
+                    link,
+                    radius,
+                    margin,
+                    depenetration,
+                    neighbour_start,
+                    neighbour,
+                    x,
+                    w,
+                    u,
+                    table,
+                    pair_before,
+                    normal_before,
+                    count,
+                    pair,
+                    member,
+                    weight,
+                    normal,
+                    gap,
+                    valence,
+                )
+
+
+@kernel
+def find_close_link_contacts(
+    # Model:
+    link: wp.array[wp.vec2i],
+    radius: wp.array[Real],
+    margin: Real,
+    depenetration: Real,
+    neighbour_start: wp.array[wp.int32],
+    neighbour: wp.array[wp.int32],
+    # State:
+    x: wp.array[Vec3],
+    w: wp.array[Real],
+    # In:
+    u: wp.array[Vec3],
+    table: wp.array[wp.int32],
+    pair_before: wp.array[wp.vec2i],
+    normal_before: wp.array[Vec3],
+    middle: wp.array[Vec3],
+    half_box: wp.array[Vec3],
+    # Out:
+    count: wp.array[wp.int32],
+    pair: wp.array[wp.vec2i],
+    member: wp.array[wp.vec4i],
+    weight: wp.array[Vec4],
+    normal: wp.array[Vec3],
+    gap: wp.array[Real],
+    valence: wp.array[wp.int32],
+):
+    """Line 8 for few links: as `find_link_contacts`, but each looks at all that come after it."""
+    e = wp.tid()
+    m = middle[e]
+    box = half_box[e]
+    for f in range(e + 1, link.shape[0]):
+        away = wp.abs(middle[f] - m) - (box + half_box[f])
+        if wp.max(wp.max(away[0], away[1]), away[2]) <= Real(0.0):
+            check_links(
+                e,
+                f,
+                link,
+                radius,
+                margin,
+                depenetration,
+                neighbour_start,
+                neighbour,
+                x,
+                w,
+                u,
+                table,
+                pair_before,
+                normal_before,
+                count,
+                pair,
+                member,
+                weight,
+                normal,
+                gap,
+                valence,
+            )
+
+
+@kernel
+def project_link_contact(
+    # Model:
+    friction: Real,  # of links with each other
+    collider_friction: wp.array[Real],  # [collider_count]
+    # State:
+    w: wp.array[Real],
+    # In:
+    count: wp.array[wp.int32],
+    pair: wp.array[wp.vec2i],
+    member: wp.array[wp.vec4i],
+    weight: wp.array[Vec4],
+    normal: wp.array[Vec3],
+    gap: wp.array[Real],
+    u: wp.array[Vec3],
+    valence: wp.array[wp.int32],  # or None: masses are not split
+    relaxation: Real,
+    # Out:
+    lam: wp.array[Real],  # [capacity] >= 0 [kg m]
+    lam_friction: wp.array[Vec3],  # [capacity] [kg m], or None: no contact has friction
+    residual: wp.array[Real],  # [1] deepest overlap [m], or None: not wanted
+    correction: wp.array[Vec3],
+):
+    """Line 10: dlam = max(-lam, -C / sum_m n_m w_m a_m^2), and what friction holds of the slip."""
+    k = wp.tid()
+    if k >= count[0]:
+        return
+    taking = member[k]
+    share = weight[k]
+    inverse_mass = Real(0.0)
+    move = Vec3()
+    for m in range(4):
+        i = taking[m]
+        if i >= 0:
+            move = move + share[m] * u[i]
+            split = w[i] * share[m] * share[m]
+            if valence:
+                split = split * Real(valence[i])
+            inverse_mass = inverse_mass + split
+    if inverse_mass == Real(0.0):
+        return
+    n = normal[k]
+    c = wp.dot(n, move) + gap[k]
+    if residual:
+        wp.atomic_max(residual, 0, -c)
+    dlam = wp.max(-lam[k], -relaxation * c / inverse_mass)
+    lam[k] = lam[k] + dlam
+    push = dlam * n
+    if lam_friction:
+        slip = move - wp.dot(n, move) * n
+        hold = lam_friction[k] - slip * (relaxation / inverse_mass)
+        bound = friction_of(pair[k][1], friction, collider_friction) * lam[k]
+        size = wp.length(hold)
+        if size > bound:
+            hold = hold * (bound / size)
+        push = push + (hold - lam_friction[k])
+        lam_friction[k] = hold
+    for m in range(4):
+        i = taking[m]
+        if i >= 0:
+            wp.atomic_add(correction, i, (w[i] * share[m]) * push)
