@@ -165,6 +165,10 @@ class Settings:
             changes.setdefault("error", None)
         return replace(self, **changes)
 
+    def keeping(self, error: float) -> Settings:
+        """These settings with the explicit integrator, and the steps that keep an error [m/s]."""
+        return self.changed(integrator="dop853", substeps=AUTO, error=error, on_failure="raise")
+
     def with_method(self, name: str | None = None, **options: Any) -> Settings:
         """These settings with another method by its name, and with options of it (iterations, tolerance).
 
