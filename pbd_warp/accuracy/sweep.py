@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 
 from pbd_warp import check
-from pbd_warp.accuracy.chart import Chart, Row
+from pbd_warp.accuracy.chart import NO_METHOD, Chart, Row
 from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.grab.controller import play
 from pbd_warp.grab.drag import Drag
@@ -25,33 +25,44 @@ from pbd_warp.model.model import Model
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import STRETCHED, Limits
-from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, Jacobi
 from pbd_warp.version import __version__
 
 SECONDS = 1.0
 """What is simulated. Chains are chaotic later: then errors say nothing about the method."""
 
+SOLUTIONS = 14
+"""A step of the explicit integrator: its stages, and the two that project."""
+
 FINER = 16
 """A scene without an exact reference is compared with itself at so many times the substeps, in float64."""
 
-SLOWEST = 4.0
-"""A configuration that takes longer than this many seconds for a simulated one is not repeated."""
+FLOAT32_ERROR = 1e-6
+"""Less is no error that float32 could keep [m/s]: steps without end, of which each is rounded."""
+
+ENOUGH = 1.0
+"""Repetitions stop after this many seconds."""
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """What to combine. Direct iterates to its tolerance, so `iterations` are for the other methods."""
+    """What to combine. Direct iterates to its tolerance, so `iterations` are for the other methods; an integrator that
+    takes no method makes steps of the same numbers, and those that keep `errors` [m/s]."""
 
     methods: Sequence[str] = tuple(METHODS)
-    integrators: Sequence[str] = tuple(INTEGRATORS)
+    integrators: Sequence[str] = (*INTEGRATORS, *EXPLICIT)
     substeps: Sequence[int] = (1, 2, 4, 8, 16, 32, 64)
     iterations: Sequence[int] = (1, 4, 16)
+    errors: Sequence[float] = tuple(10.0**-k for k in range(1, 13))
     dtypes: Sequence[str] = ("float32", "float64")
     repeat: int = 5
 
     def __post_init__(self) -> None:
-        for kind, names, known in (("method", self.methods, METHODS), ("integrator", self.integrators, INTEGRATORS)):
+        for kind, names, known in (
+            ("method", self.methods, METHODS),
+            ("integrator", self.integrators, {**INTEGRATORS, **EXPLICIT}),
+        ):
             for name in names:
                 if name not in known:
                     raise unknown(kind, name, known)
@@ -61,15 +72,26 @@ class Sweep:
         for name in ("substeps", "iterations"):
             for value in getattr(self, name):
                 check.whole(name, value, low=1)
+        for value in self.errors:
+            check.number("errors", value, above=0.0)
         check.whole("repeat", self.repeat, low=1)
 
     def configurations(self, scene: Scene) -> list[Scene]:
         """The scene in all combinations that it can be simulated in."""
+        looping = [name for name in self.integrators if name in INTEGRATORS]
+        explicit = [name for name in self.integrators if name in EXPLICIT]
         return [
             scene.changed(method=method, integrator=integrator, substeps=substeps)
             for name in self.methods
             for method in self._methods(name)
-            for integrator, substeps in product(self.integrators, self.substeps)
+            for integrator, substeps in product(looping, self.substeps)
+        ] + [
+            scene.changed(settings=settings)
+            for integrator in explicit
+            for settings in (
+                *(scene.settings.changed(integrator=integrator, substeps=substeps) for substeps in self.substeps),
+                *(scene.settings.keeping(error) for error in self.errors),
+            )
         ]
 
     def _methods(self, name: str) -> list[Any]:
@@ -92,7 +114,11 @@ def sweep_scene(
     frames = round(SECONDS * scene.fps)
     models = {dtype: scene.builder.finalize(device, dtype) for dtype in {*sweep.dtypes, "float64"}}
     reference, text = _reference(scene, models["float64"], frames)
-    todo = list(product(sweep.configurations(scene), sweep.dtypes))
+    todo = [
+        (configuration, dtype)
+        for configuration, dtype in product(sweep.configurations(scene), sweep.dtypes)
+        if dtype != "float32" or (configuration.settings.error or np.inf) >= FLOAT32_ERROR
+    ]
     rows = []
     refusal: InputError | None = None
     for done, (configuration, dtype) in enumerate(todo):
@@ -110,7 +136,7 @@ def sweep_scene(
     model = models["float64"]
     info = {
         "reference": text,
-        "measured": f"{frames} frames at {scene.fps:g} frames/s, {sweep.repeat} repetitions, median",
+        "measured": f"{frames} frames at {scene.fps:g} frames/s, {sweep.repeat} repetitions or {ENOUGH:g} s, median",
         **provenance(model.device),
     }
     return Chart(tuple(rows), info)
@@ -150,24 +176,29 @@ def _reference(scene: Scene, model: Model, frames: int) -> tuple[np.ndarray, str
 
 def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, repeat: int) -> Row:
     before = measure(sim).energy
-    stretch, iterations, unconverged, outcome = 0.0, 0, 0, "converged"
+    explicit = sim.settings.integrator in EXPLICIT
+    stretch, iterations, most, unconverged, outcome = 0.0, 0, 0, 0, "converged"
     error = drift = float("nan")
     walls = []
     try:
         for _ in play(sim, Drag(scene.drag), frames):
             stretch = max(stretch, measure(sim).max_stretch)
-            iterations += sim.iterations_used
+            iterations += SOLUTIONS * sim.substeps_used if explicit else sim.iterations_used
+            most = max(most, sim.substeps_used)
             unconverged += sim.unconverged or 0
         error = float(np.sqrt(np.mean(np.sum((sim.state.x.numpy() - reference) ** 2, axis=1))))
         drift = measure(sim).energy - before
         for _ in range(repeat):
             sim.reset()
             start = time.perf_counter()
-            for _ in play(sim, Drag(scene.drag), frames):
-                pass
+            if scene.drag:
+                for _ in play(sim, Drag(scene.drag), frames):
+                    pass
+            else:
+                sim.step(frames=frames)
             wp.synchronize_device(sim.model.device)
             walls.append(1e3 * (time.perf_counter() - start) / SECONDS)
-            if walls[-1] > 1e3 * SLOWEST:
+            if sum(walls) > 1e3 * ENOUGH:
                 break
         rigid = not np.any(sim.model.distance.compliance > 0.0)
         if unconverged or (rigid and stretch > STRETCHED):
@@ -177,11 +208,12 @@ def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, 
     wall = statistics.median(walls) if walls else float("nan")
     return Row(
         scene=scene.name,
-        method=scene.settings.method.name,
+        method=NO_METHOD if explicit else scene.settings.method.name,
         integrator=scene.settings.integrator,
         dtype=sim.model.dtype,
-        substeps=scene.settings.steps_a_frame,
-        iterations=scene.settings.method.iterations,
+        substeps=max(most, scene.settings.steps_a_frame),
+        iterations=0 if explicit else scene.settings.method.iterations,
+        error=scene.settings.error or 0.0,
         wall_ms_per_sim_second=wall,
         wall_spread=(max(walls) - min(walls)) / wall if walls else float("nan"),
         projections_per_sim_second=_projections(sim, iterations) / SECONDS,
@@ -193,7 +225,8 @@ def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, 
 
 
 def _projections(sim: Simulation, iterations: int) -> float:
-    """Constraints evaluated, counting one a particle where there are only contacts.
+    """Constraints evaluated, counting one a particle where there are only contacts; of an explicit integrator, each
+    solution of the linear equations counts as one of all of them.
 
     Direct counts the iterations of every path, so its constraints are shared out among the paths.
     """

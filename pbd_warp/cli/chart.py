@@ -13,7 +13,7 @@ from pbd_warp.accuracy.chart import pick as pick_row
 from pbd_warp.accuracy.plot import check_picture, draw
 from pbd_warp.accuracy.sweep import Sweep, sweep_scene
 from pbd_warp.cli.app import command
-from pbd_warp.cli.options import Debug, Device, Seed, Set, comma_list, scene_file, scene_with, whole_list
+from pbd_warp.cli.options import Debug, Device, Seed, Set, comma_list, number_list, scene_file, scene_with, whole_list
 from pbd_warp.cli.terminal import interruptible, one_sentence, tell
 from pbd_warp.errors import InputError
 from pbd_warp.paths import check_apart, check_file
@@ -34,6 +34,9 @@ def chart(
     substeps: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(map(str, Sweep.substeps)),
     iterations: Annotated[str, typer.Option(help="Comma-separated; not for direct.")] = ",".join(
         map(str, Sweep.iterations)
+    ),
+    errors: Annotated[str, typer.Option(help="Of dop853 [m/s], comma-separated.")] = ",".join(
+        f"{error:g}" for error in Sweep.errors
     ),
     dtypes: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(Sweep.dtypes),
     repeat: Annotated[int, typer.Option(help="Timed repetitions.")] = Sweep.repeat,
@@ -60,6 +63,7 @@ def chart(
                 comma_list(integrators),
                 whole_list("substeps", substeps),
                 whole_list("iterations", iterations),
+                number_list("errors", errors),
                 comma_list(dtypes),
                 repeat,
             )
