@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 # Okabe and Ito's colours, told apart by colour-blind readers; a method or integrator not listed gets a spare one.
 COLOURS = {"jacobi": "#0072B2", "gauss-seidel": "#009E73", "direct": "#D55E00", NO_METHOD: "#CC79A7"}
 SPARE_COLOURS = ("#E69F00", "#56B4E9", "#000000")
-SHAPES = {"pbd": "o", "bdf2": "s", "midpoint": "^", "midpoint4": "D", "dop853": "*"}
-SPARE_SHAPES = ("v", "P", "p", "<", ">")
+SHAPES = {"pbd": "o", "bdf2": "s", "midpoint": "^", "midpoint4": "D", "dop853": "*", "rk4": "P"}
+SPARE_SHAPES = ("v", "p", "<", ">")
 LARGER = {"*": 1.6}  # of shapes with little in them
 DOUBTED, FAINT = 0.4, 0.13
 """Opacities: of what did not converge, and of what is on no front."""

@@ -25,15 +25,12 @@ from pbd_warp.model.model import Model
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import STRETCHED, Limits
-from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS
+from pbd_warp.step.integrators import ESTIMATING, EXPLICIT, INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, Jacobi
 from pbd_warp.version import __version__
 
 SECONDS = 1.0
 """What is simulated. Chains are chaotic later: then errors say nothing about the method."""
-
-SOLUTIONS = 14
-"""A step of the explicit integrator: its stages, and the two that project."""
 
 FINER = 16
 """A scene without an exact reference is compared with itself at so many times the substeps, in float64."""
@@ -90,7 +87,7 @@ class Sweep:
             for integrator in explicit
             for settings in (
                 *(scene.settings.changed(integrator=integrator, substeps=substeps) for substeps in self.substeps),
-                *(scene.settings.keeping(error) for error in self.errors),
+                *(scene.settings.keeping(error) for error in self.errors if integrator in ESTIMATING),
             )
         ]
 
@@ -176,14 +173,15 @@ def _reference(scene: Scene, model: Model, frames: int) -> tuple[np.ndarray, str
 
 def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, repeat: int) -> Row:
     before = measure(sim).energy
-    explicit = sim.settings.integrator in EXPLICIT
+    explicit = EXPLICIT.get(sim.settings.integrator)
+    solutions = len(explicit.tableau.b) + 2 if explicit else 0  # a step: its stages, and the two that project
     stretch, iterations, most, unconverged, outcome = 0.0, 0, 0, 0, "converged"
     error = drift = float("nan")
     walls = []
     try:
         for _ in play(sim, Drag(scene.drag), frames):
             stretch = max(stretch, measure(sim).max_stretch)
-            iterations += SOLUTIONS * sim.substeps_used if explicit else sim.iterations_used
+            iterations += solutions * sim.substeps_used if explicit else sim.iterations_used
             most = max(most, sim.substeps_used)
             unconverged += sim.unconverged or 0
         error = float(np.sqrt(np.mean(np.sum((sim.state.x.numpy() - reference) ** 2, axis=1))))
