@@ -72,6 +72,7 @@ def sweep(
     for settings, make in families.items():
         best, rises, steps = float("inf"), 0, 1
         while True:
+            began = time.perf_counter()
             try:
                 run = make(steps)
                 took, x = run()
@@ -80,14 +81,14 @@ def sweep(
                 rows.append(failure(settings, steps, error))
                 if not isinstance(error, ArithmeticError | pbd.SimulationFailed):
                     break
-                took = 0.0
+                took, failed = time.perf_counter() - began, True
             else:
                 error = float(np.sqrt(np.mean(np.sum((x - reference) ** 2, axis=1))))
                 ms = 1e3 * statistics.median(repeats)
                 spread = (max(repeats) - min(repeats)) * 1e3 / ms
                 rows.append(PeerRow(scene, peer, settings, steps, ms, spread, error, "measured"))
                 rises = rises + 1 if error >= best else 0
-                best = min(best, error)
+                best, failed = min(best, error), False
             hopeless = any(
                 row.position_error <= best and 1e3 * took > factor * row.wall_ms_per_sim_second
                 for factor, better in ((HOPELESS, ours), (BEATEN, rows))
@@ -99,7 +100,7 @@ def sweep(
                 or hopeless
                 or (rises >= 3 and best < 1e-2)
                 or steps >= 2**34
-                or (took == 0.0 and steps > 64)
+                or (failed and steps > 64)
             ):
                 break
             steps *= 10 if "error" in settings else 2

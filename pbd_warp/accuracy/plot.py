@@ -94,7 +94,7 @@ def draw(chart: Chart, path: str | Path, peers: Sequence[PeerRow] = ()) -> None:
             axes.tick_params(labelleft=index == 0)
         figure.axes[0].set_ylabel("position error [m]")
         title = f"{', '.join(dict.fromkeys(row.scene for row in chart.rows))}: {seen(chart.rows)}"
-        for index, text in enumerate([*textwrap.wrap(title, 130)[:2], seen_of_peers(peers)]):
+        for index, text in enumerate([*textwrap.wrap(title, 112)[:2], seen_of_peers(peers)]):
             figure.text(LEFT / WIDTH, 1.0 - (0.25 + 0.22 * index) / height, text, size=10.5, weight="bold", color=INK)
         _write_below(figure, legends, notes, below / height)
         with replacing(Path(path)) as temporary:
@@ -195,7 +195,10 @@ def _name_front(axes: Axes, best: Sequence[Row], line: Sequence[Place]) -> list[
     for k in [*turns, *(k for k in range(len(best)) if k not in turns)]:
         text = f"{best[k].name} {best[k].label}" if k in turns else best[k].label
         x, y, width = line[k][0], line[k][1], 0.0105 * len(text)
-        if x - width > 0.0 and all(
+        outside = x - width < 0.0
+        if outside and k == 0:  # no room on the left
+            write(axes, x + 0.012, y + 0.012, text, ha="left", va="bottom", zorder=1.8, bbox=paper)
+        elif not outside and all(
             x < left_of - other_width or x - width > left_of or abs(y - other_y) > 0.03
             for left_of, other_y, other_width in named
         ):

@@ -23,8 +23,8 @@ def seen(rows: Sequence[Row]) -> str:
     spans = []
     for name, group in groupby(winners, key=lambda winner: winner[1]):
         errors = [error for error, _ in group]
-        to = f" to {errors[-1]:.0e}" if len(errors) > 1 else ""
-        spans.append(f"{name} ({errors[0]:.0e}{to} m)")
+        to = f" to {errors[-1]:g}" if len(errors) > 1 else ""
+        spans.append(f"{name} ({errors[0]:g}{to} m)")
     return f"fastest within an error: {'; '.join(spans)}"
 
 
@@ -52,4 +52,4 @@ def seen_of_peers(peers: Iterable[PeerRow]) -> str:
         parts.append(
             f"{NAMES[name]} takes {time / own:.2g} times as long" if time else f"{NAMES[name]} does not get there"
         )
-    return f"Within {error:.0e} m: {', '.join(parts)}."
+    return f"Within {error:g} m: {', '.join(parts)}."

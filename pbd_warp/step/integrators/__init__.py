@@ -22,7 +22,7 @@ EXPLICIT: dict[str, type[Explicit]] = {"dop853": DOP853, "rk4": RK4}
 """Those that make a frame by themselves, without the paper's loop and its methods."""
 
 ESTIMATING = tuple(name for name, integrator in EXPLICIT.items() if integrator.estimates)
-"""Those whose steps substeps="auto" can choose."""
+"""Those that can choose their steps themselves."""
 
 __all__ = [
     "BDF2", "DOP853", "ESTIMATING", "EXPLICIT", "INTEGRATORS", "PBD", "RK4", "Explicit", "Integrator", "Midpoint",
