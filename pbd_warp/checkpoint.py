@@ -158,6 +158,7 @@ def _flat(model: Model) -> Iterator[tuple[str, np.ndarray]]:
             yield field.name, value
     yield "ropes", np.concatenate([np.zeros(0, np.int32), *model.ropes])
     yield "rope_lengths", np.array([len(rope) for rope in model.ropes], int)
+    yield "copy_count", np.array(model.copy_count)
 
 
 def _model(members: dict[str, np.ndarray], device: Any, dtype: str) -> Model:
@@ -171,8 +172,10 @@ def _model(members: dict[str, np.ndarray], device: Any, dtype: str) -> Model:
     if "contacts.friction" in flat:
         contacts = Contacts(float(flat.pop("contacts.friction")), float(flat.pop("contacts.restitution")))
     ropes = np.split(flat.pop("ropes"), np.cumsum(flat.pop("rope_lengths"))[:-1])
+    copy_count = int(flat.pop("copy_count"))
     return Model(
         **flat,
+        copy_count=copy_count,
         distance=distance,
         point=point,
         contacts=contacts,

@@ -1,0 +1,54 @@
+"""Which copies of a replicated model have left what is possible in a frame: as divergence.py, a thread a copy."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from pbd_warp.kernels.divergence import EDGE, ENERGY, PARTICLE
+from pbd_warp.kernels.precision import Real, Vec3, kernel
+
+
+@kernel
+def check_copies(
+    # Model:
+    particles: wp.int32,  # of one copy
+    edges: wp.int32,  # of one copy
+    edge: wp.array[wp.vec2i],  # [copy_count edges]
+    rest_length: wp.array[Real],  # [copy_count edges] [m]
+    gravity: Vec3,  # [m/s^2]
+    mass: wp.array[Real],  # [copy_count particles] [kg], 0 of fixed ones
+    # State:
+    x: wp.array[Vec3],
+    v: wp.array[Vec3],
+    # In:
+    nothing: wp.int32,  # to tell
+    stretch_limit: Real,  # length over rest length, squared; 0: none
+    energy_limit: wp.array[wp.float64],  # [copy_count] [J], or None: no limit
+    # Out:
+    found: wp.array2d[wp.int32],  # [copy_count, 3] lowest particle not finite, edge stretched, 0 for energy
+    diverged: wp.array[wp.int32],  # [3] first: lowest copy of which there is something to tell
+):
+    c = wp.tid()
+    worst = wp.int32(0)
+    energy = wp.float64(0.0)
+    for k in range(particles):
+        i = c * particles + k
+        if not wp.isfinite(x[i]):
+            found[c, PARTICLE] = wp.min(found[c, PARTICLE], k)
+            worst = wp.int32(1)
+        if energy_limit:
+            energy += wp.float64(mass[i] * (Real(0.5) * wp.dot(v[i], v[i]) - wp.dot(gravity, x[i])))
+    if stretch_limit > Real(0.0):
+        for k in range(edges):
+            e = c * edges + k
+            rest = rest_length[e]
+            d = x[edge[e][0]] - x[edge[e][1]]
+            if wp.dot(d, d) > stretch_limit * (rest * rest) and rest > Real(0.0):
+                found[c, EDGE] = wp.min(found[c, EDGE], k)
+                worst = wp.int32(1)
+    if energy_limit:
+        if energy > energy_limit[c]:
+            found[c, ENERGY] = 0
+            worst = wp.int32(1)
+    if worst > 0:
+        wp.atomic_min(diverged, 0, c)
