@@ -52,7 +52,7 @@ def update_bdf2(
     v_before: wp.array[Vec3],  # [particle_count] [m/s]
     x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
-    diverged: wp.array[wp.int32],  # [3], as in integrate.py
+    diverged: wp.array[wp.int32],  # [4], as in integrate.py
 ):
     """A particle that is led (w = 0) has the velocity of its way; so has every one in the first step."""
     i = wp.tid()

@@ -12,7 +12,8 @@ from pbd_warp.kernels.precision import Real, Vec3, kernel
 
 PARTICLE = wp.constant(0)  # places in `diverged`: the lowest particle that is not finite,
 EDGE = wp.constant(1)  # the lowest edge stretched beyond the limit,
-ENERGY = wp.constant(2)  # 0 where energy has risen beyond the limit
+ENERGY = wp.constant(2)  # 0 where energy has risen beyond the limit,
+PIECE = wp.constant(3)  # the first particle of a piece that an explicit integrator found no step for
 
 CHUNK = wp.constant(64)
 """Particles a thread sums before it adds to the total: on a GPU 64 times fewer atomics to one address."""
@@ -28,7 +29,7 @@ def check_stretch(
     # In:
     limit: Real,  # length over rest length, squared
     # Out:
-    diverged: wp.array[wp.int32],  # [3]
+    diverged: wp.array[wp.int32],  # [4]
 ):
     k = wp.tid()
     rest = rest_length[k]

@@ -66,7 +66,7 @@ def update(
     # Out:
     x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
-    diverged: wp.array[wp.int32],  # [3] first: lowest particle whose step is not finite; the others: divergence.py
+    diverged: wp.array[wp.int32],  # [4] first: lowest particle whose step is not finite; the others: divergence.py
 ):
     """Lines 12-15: v = u / dt, x += u."""
     i = wp.tid()

@@ -42,7 +42,7 @@ def update_midpoint(
     # Out:
     x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
-    diverged: wp.array[wp.int32],  # [3], as in integrate.py
+    diverged: wp.array[wp.int32],  # [4], as in integrate.py
 ):
     """A particle that is led (w = 0) has the velocity of its way."""
     i = wp.tid()

@@ -8,8 +8,8 @@ from pbd_warp.preflight import SMALLER_STEPS, Snapshot, nearest_remedy
 from pbd_warp.step.constraints.contact import room_for_contacts
 
 Failure = tuple[str, int]
-"""What kind, and its number: ("particle", which), ("stretch", edge), ("energy", 0), ("newton", how many solutions),
-("contacts", how many there were without room for them)."""
+"""What kind, and its number: ("particle", which), ("piece", its first particle), ("stretch", edge), ("energy", 0),
+("newton", how many solutions), ("contacts", how many there were without room for them)."""
 
 
 def describe(now: Snapshot, failure: Failure) -> str:
@@ -30,6 +30,9 @@ def _remedy(now: Snapshot, kind: str) -> str:
             f"{SMALLER_STEPS}, on_failure='subdivide', which makes such frames again with smaller steps, or "
             "'continue', where what is left over does not matter"
         )
+    if kind == "piece":
+        cure = "use a larger error" if now.settings.auto else SMALLER_STEPS
+        return f"if what holds them leaves them room, {cure}; if not, give them a compliance"
     return ", or ".join(text for text in (SMALLER_STEPS, now.settings.method.remedy) if text)
 
 
@@ -40,6 +43,8 @@ def _finding(now: Snapshot, failure: Failure) -> str:
     stretch, energy = now.settings.limits.stretch, now.settings.limits.energy
     if kind == "stretch" and stretch is not None:
         return f"distance {number} is stretched beyond the limit of {100 * stretch:g} %"
+    if kind == "piece":
+        return f"there is no step by which the particles joined to particle {number} keep their lengths"
     if kind == "energy":
         return f"energy rose beyond the limit of {energy:g} J above the start"
     return f"Newton's method did not converge in {number} solution{'s' if number > 1 else ''}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import warp as wp
 
@@ -13,7 +14,7 @@ from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.context import NOTHING, Context, Stage
 from pbd_warp.step.damping import Damper
 from pbd_warp.step.divergence import DivergenceMonitor
-from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.integrators import DOP853, EXPLICIT, INTEGRATORS, Integrator
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
 from pbd_warp.step.methods import Direct
 
@@ -23,6 +24,7 @@ class Loop:
 
     Attributes:
         context: The arrays that its parts share.
+        explicit: What makes frames instead of the loop; None where the loop does.
         start: The state at the start of the frame, where a failed one can be made again.
         compile_seconds: What loading (and at first use compiling) the kernels took.
 
@@ -32,15 +34,22 @@ class Loop:
 
     def __init__(self, model: Model, settings: Settings):
         self._settings = settings
-        if INTEGRATORS[settings.integrator].order > 1:
+        name = settings.integrator
+        if name in EXPLICIT or INTEGRATORS[name].order > 1:
             refuse_first_order_features(settings.integrator, model, settings.damping, settings.depenetration_speed)
         self.context = context = Context(model, settings.step_dt, settings.depenetration_speed)
         self.contacts = None
         if model.collides:
             self.contacts = ContactConstraints(context, settings.method.valence(model), settings.max_contacts)
-        self.damper = Damper(context, settings.damping, settings.substeps) if settings.damping > 0.0 else None
-        self.integrator = INTEGRATORS[settings.integrator](context, damped=self.damper is not None)
-        self.solver = settings.method.bind(context, self.contacts)
+        self.damper = Damper(context, settings.damping, settings.whole_substeps) if settings.damping > 0.0 else None
+        self.explicit: DOP853 | None = None
+        self.integrator: Integrator | None = None
+        self.solver: Any = None
+        if name in EXPLICIT:
+            self.explicit = EXPLICIT[name](context, settings.dt, settings.error if settings.auto else None)
+        else:
+            self.integrator = INTEGRATORS[name](context, damped=self.damper is not None)
+            self.solver = settings.method.bind(context, self.contacts)
         self.monitor = DivergenceMonitor(context, settings.limits)
         self.start: State | None = None
         if settings.on_failure in ("subdivide", "fallback"):
@@ -64,19 +73,24 @@ class Loop:
         if self.start:
             context.launch.copy(self.start.x, context.state.x)
             context.launch.copy(self.start.v, context.state.v)
-        if self.solver.counters is not None:
-            context.launch.zero(self.solver.counters)
-        for _ in range(self._settings.substeps):
+        if self.counters is not None:
+            context.launch.zero(self.counters)
+        for _ in range(1 if self.explicit else self._settings.whole_substeps):
             self.run_step()
         self.monitor.launch()
 
     def run_step(self) -> None:
-        """One step of the integrator."""
+        """One step of the integrator; all of a frame, where it is explicit."""
+        if self.explicit:
+            self.explicit.make_frame()
+            return
+        assert self.integrator
         for stage in self.integrator.stages:
             self._run_stage(stage)
 
     def _run_stage(self, stage: Stage) -> None:
         """One pass of the paper's loop, lines 5-16."""
+        assert self.integrator
         if self.damper:
             self.damper.accelerate_and_damp(stage)  # (5), (6)
         self.integrator.predict(stage)  # (5) where there is no line 6, (7)
@@ -94,8 +108,8 @@ class Loop:
             if needed:
                 self.contacts.needed.zero_()
                 return "contacts", needed
-        particle, edge, energy = self.context.diverged.numpy().tolist()
-        for kind, number in ("particle", particle), ("stretch", edge), ("energy", energy):
+        particle, edge, energy, piece = self.context.diverged.numpy().tolist()
+        for kind, number in ("particle", particle), ("piece", piece), ("stretch", edge), ("energy", energy):
             if number != NOTHING:
                 return kind, number
         if self._newton and self.unconverged:
@@ -105,15 +119,40 @@ class Loop:
     @property
     def unconverged(self) -> int | None:
         """Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None without one."""
-        return None if self.solver.counters is None else int(self.solver.counters.numpy()[1])
+        return None if self.counters is None else int(self.counters.numpy()[1])
+
+    @property
+    def iterations_used(self) -> int:
+        """Of the method, in all steps of the last frame; none of an explicit integrator."""
+        if self.counters is not None:
+            return int(self.counters.numpy()[0])
+        if self.integrator is None:
+            return 0
+        return self._settings.method.iterations * self._settings.whole_substeps * len(self.integrator.stages)
+
+    @property
+    def steps_used(self) -> int:
+        """Steps of the last frame, of the piece that took most."""
+        return int(self.explicit.steps_used.max()) if self.explicit else self._settings.whole_substeps
+
+    @property
+    def counters(self) -> wp.array | None:
+        """Iterations of the frame and solutions that did not converge, int32 [2]; None without a tolerance."""
+        return self.solver.counters if self.solver else None
+
+    def forget_steps(self) -> None:
+        """What is held has changed: integrators that look back begin anew."""
+        if self.integrator:
+            self.integrator.restart()
 
     def restart(self) -> None:
         """Forget the past: the state has been put somewhere else."""
         self.monitor.restart()
         if self.contacts:
             self.contacts.needed.zero_()
-        self.integrator.restart()
-        self.solver.restart()
+        for part in (self.integrator, self.solver, self.explicit):
+            if part:
+                part.restart()
 
     def _load_kernels(self) -> float:
         with self.context.launch.dry_run() as trace:

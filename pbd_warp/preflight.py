@@ -14,7 +14,8 @@ import numpy as np
 from pbd_warp.model.model import Model, masses
 from pbd_warp.settings import Settings
 from pbd_warp.step.divergence import STRETCHED
-from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS
+from pbd_warp.step.integrators.springs import stiffest
 from pbd_warp.step.methods.direct import Direct, paths
 from pbd_warp.step.methods.jacobi import Jacobi
 from pbd_warp.step.methods.spectrum import JacobiSweep
@@ -25,6 +26,9 @@ WHIP = 0.3
 NOISE = 0.01
 """Velocity from rounding positions, relative to that of falling by a link's length, that counts as a failure."""
 
+
+ROUNDED = 4.0
+"""Machine epsilons that a position is off after a hundred steps: a random walk in halves."""
 
 ROUND_OFF = 1e-6
 """Of a length, by which it is the same."""
@@ -97,7 +101,8 @@ class Snapshot:
 
 def preflight(now: Snapshot) -> list[PreflightWarning]:
     """All checks that apply, the worst first; those with a severity above 1 are known to fail."""
-    found = [warning for check in CHECKS for warning in check(now)]
+    checks = EXPLICIT_CHECKS if now.settings.integrator in EXPLICIT else CHECKS
+    found = [warning for check in checks for warning in check(now)]
     return sorted(found, key=lambda warning: -warning.severity)
 
 
@@ -230,4 +235,27 @@ def _unreachable(now: Snapshot) -> Iterator[PreflightWarning]:
                 yield PreflightWarning("unreachable", text, apart / most)
 
 
+def _stiff(now: Snapshot) -> Iterator[PreflightWarning]:
+    """An explicit step is stable up to a product of its length and the angular frequency of the stiffest swing."""
+    settings, edges = now.settings, now.model.distance
+    soft = edges.compliance > 0.0
+    if settings.auto or not np.any(soft):
+        return
+    frequency = np.sqrt(stiffest(now.x, now.w, edges.edge[soft], edges.compliance[soft]))
+    h = settings.step_dt
+    text = f"a compliance whose swings have up to {frequency:.3g} rad/s is too stiff for a step of {h:.3g} s"
+    yield PreflightWarning("step", text, h * frequency / EXPLICIT[settings.integrator].stable)
+
+
+def _rounding(now: Snapshot) -> Iterator[PreflightWarning]:
+    """Positions are rounded at every step, some hundred times a second."""
+    if now.settings.error is None:
+        return
+    far = float(np.abs(now.x).max())
+    rounding = ROUNDED * float(np.finfo(now.model.dtype).eps) * far
+    text = f"{now.model.dtype} rounds positions {far:.3g} m from the origin to {rounding:.1g} m in a second of steps"
+    yield PreflightWarning("precision", text, rounding / now.settings.error)
+
+
 CHECKS = (_unreachable, _relaxation, _truncation, _step, _precision)
+EXPLICIT_CHECKS = (_stiff, _rounding)

@@ -18,7 +18,7 @@ def attempts(settings: Settings) -> Iterator[tuple[str, Settings]]:
     once = settings.changed(on_failure="raise")
     if settings.on_failure == "subdivide":
         for doubling in range(1, DOUBLINGS + 1):
-            substeps = settings.substeps * 2**doubling
+            substeps = settings.whole_substeps * 2**doubling
             yield f"{substeps} substeps", once.changed(substeps=substeps)
     elif settings.on_failure == "fallback":
         own = settings.integrator

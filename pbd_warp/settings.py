@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -11,8 +11,14 @@ from pbd_warp.errors import InputError, unknown
 from pbd_warp.model.constraints import check_softness
 from pbd_warp.model.model import Model
 from pbd_warp.step.divergence import Limits
-from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, GaussSeidel, Jacobi, Method
+
+AUTO = "auto"
+"""Of substeps: as many as `error` asks for."""
+
+ERROR = 1e-6
+"""Unless another is given [m/s]: a micrometre a second, which no picture shows and every measure can use."""
 
 ON_FAILURE = ("raise", "continue", "subdivide", "fallback")
 
@@ -22,9 +28,13 @@ class Settings:
     """Of one simulation; others come from `changed`, or `dataclasses.replace`.
 
     dt: Length of a frame [s].
-    substeps: Steps of the paper's loop in a frame, each of dt / substeps.
+    substeps: Steps of the paper's loop in a frame, each of dt / substeps. "auto": the integrator's estimate of its
+        error chooses them, which "dop853" has.
     method: How constraints are projected; also a method's name or class, with its defaults.
-    integrator: How velocity becomes position and back: "pbd", "bdf2", "midpoint" or "midpoint4".
+    integrator: How velocity becomes position and back: "pbd", "bdf2", "midpoint" or "midpoint4"; or "dop853", which
+        takes no method and makes rigid distances, springs and points move to almost any accuracy.
+    error: What steps may be off with substeps="auto", metres a second of simulated time; what the motion itself makes
+        of that, where it is chaotic, comes on top. 1e-6 unless given.
     damping: k of section 3.5: the fraction of all velocity that is not rigid motion taken away in a frame, 0..1.
     max_contacts: Room for contacts in one step; 8 a particle and 64 more unless given.
     depenetration_speed: What is wrong with a contact or a distance when a step begins is taken back no faster than
@@ -45,9 +55,10 @@ class Settings:
     """
 
     dt: float = 1.0 / 60.0
-    substeps: int = 1
+    substeps: int | str = 1
     method: Method = Jacobi()  # noqa: RUF009 it is frozen
     integrator: str = "pbd"
+    error: float | None = None
     damping: float = 0.0
     max_contacts: int | None = None
     depenetration_speed: float | None = None
@@ -62,10 +73,10 @@ class Settings:
             object.__setattr__(self, name, value)
 
         put("dt", check.number("dt", self.dt, above=0.0))
-        put("substeps", check.whole("substeps", self.substeps, low=1))
         put("method", _method(self.method))
-        if self.integrator not in INTEGRATORS:
-            raise unknown("integrator", self.integrator, INTEGRATORS)
+        if self.integrator not in (*INTEGRATORS, *EXPLICIT):
+            raise unknown("integrator", self.integrator, (*INTEGRATORS, *EXPLICIT))
+        self._put_steps(put)
         put("damping", check.number("damping", self.damping, low=0.0, high=1.0))
         if self.max_contacts is not None:
             put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1))
@@ -80,6 +91,36 @@ class Settings:
         if self.gravity is not None:
             put("gravity", tuple(check.vector("gravity", self.gravity).tolist()))
 
+    def _put_steps(self, put: Callable[[str, Any], None]) -> None:
+        """Whether substeps, error, integrator and method go together."""
+        if not isinstance(self.substeps, str):
+            put("substeps", check.whole("substeps", self.substeps, low=1))
+            if self.error is not None:
+                raise InputError("error is what substeps='auto' keeps: say so, or leave error out")
+        elif self.substeps != AUTO:
+            raise InputError(f"substeps must be a whole number or {AUTO!r}, not {self.substeps!r}")
+        elif self.integrator not in EXPLICIT:
+            raise InputError(
+                f"substeps='auto' needs an integrator that estimates its error, {', '.join(EXPLICIT)}; "
+                f"{self.integrator!r} does not"
+            )
+        else:
+            put("error", check.number("error", ERROR if self.error is None else self.error, above=0.0))
+            if self.on_failure in ("subdivide", "fallback"):
+                raise InputError(f"on_failure={self.on_failure!r} needs a number of substeps, not 'auto'")
+        if self.integrator in EXPLICIT and self.method != Jacobi():
+            raise InputError(f"integrator {self.integrator!r} takes no method: leave it out (the default, 'jacobi')")
+
+    @property
+    def auto(self) -> bool:
+        """Whether `error` chooses the steps."""
+        return self.substeps == AUTO
+
+    @property
+    def whole_substeps(self) -> int:
+        """Steps in a frame; 1, the least, where they are "auto"."""
+        return 1 if isinstance(self.substeps, str) else self.substeps
+
     @property
     def fps(self) -> float:
         """Frames a second, without the rounding of 1 / dt."""
@@ -87,11 +128,12 @@ class Settings:
 
     @property
     def step_dt(self) -> float:
-        """Length of a step [s]."""
-        return self.dt / self.substeps
+        """Length of a step [s], the longest where they are "auto"."""
+        return self.dt / self.whole_substeps
 
     def changed(self, **changes: Any) -> Settings:
-        """These settings with others in their place.
+        """These settings with others in their place. What another integrator does not take is left out unless it is
+        given: the method with "dop853", "auto" and the error with others; the error with a number of substeps.
 
         Raises:
             InputError: a name that is no setting, or what a setting refuses.
@@ -99,6 +141,13 @@ class Settings:
         for name in changes:
             if name not in NAMES:
                 raise unknown("setting", name, NAMES)
+        to_explicit = changes.get("integrator", self.integrator) in EXPLICIT
+        if to_explicit and self.integrator not in EXPLICIT:
+            changes.setdefault("method", Jacobi())
+        if self.auto and not to_explicit:
+            changes.setdefault("substeps", 1)
+        if self.auto and changes.get("substeps", AUTO) != AUTO:
+            changes.setdefault("error", None)
         return replace(self, **changes)
 
     def with_method(self, name: str | None = None, **options: Any) -> Settings:
@@ -160,7 +209,9 @@ class Settings:
         return cls(**values)
 
     def __str__(self) -> str:
-        return f"{self.method}, integrator {self.integrator!r} and {self.substeps} substeps"
+        steps = f"an error of {self.error:g} m/s" if self.auto else f"{self.substeps} substeps"
+        method = "" if self.integrator in EXPLICIT else f"{self.method}, "
+        return f"{method}integrator {self.integrator!r} and {steps}"
 
 
 NAMES = tuple(field.name for field in fields(Settings))

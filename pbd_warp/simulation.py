@@ -161,8 +161,8 @@ class Simulation:
         return self.settings.dt
 
     @property
-    def substeps(self) -> int:
-        """Steps of the paper's loop in a frame."""
+    def substeps(self) -> int | str:
+        """Steps in a frame, or "auto"."""
         return self.settings.substeps
 
     @property
@@ -181,9 +181,12 @@ class Simulation:
     @property
     def iterations_used(self) -> int:
         """Iterations of all steps of the last frame (with `Direct`, of all paths too)."""
-        if self._loop.solver.counters is None:
-            return self.settings.method.iterations * self.settings.substeps * len(self._loop.integrator.stages)
-        return int(self._loop.solver.counters.numpy()[0])
+        return self._loop.iterations_used
+
+    @property
+    def substeps_used(self) -> int:
+        """Steps of the last frame; with "auto" those of the piece that took most, with what was thrown away."""
+        return self._loop.steps_used
 
     @property
     def unconverged(self) -> int | None:
@@ -222,7 +225,7 @@ class Simulation:
     def grab(self, particle: int) -> None:
         """Take hold of a particle: it stays where it is, whatever pulls at it, until `move_to` or `release`."""
         self._kinematic.grab(particle)
-        self._loop.integrator.restart()
+        self._loop.forget_steps()
 
     def move_to(self, position: ArrayLike) -> None:
         """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over the substeps, to
@@ -233,7 +236,7 @@ class Simulation:
         """Let go. A free particle keeps the velocity it was moved with; a fixed one stays where it is."""
         if self.held is not None:
             self._kinematic.release()
-            self._loop.integrator.restart()
+            self._loop.forget_steps()
 
     def lead(self, particles: ArrayLike, positions: ArrayLike) -> None:
         """Where fixed particles are at the end of the next frame; they get there evenly over the substeps, to
@@ -280,8 +283,8 @@ class Simulation:
         wp.copy(mine.w, theirs.w)
         if mine.point_target is not None:
             wp.copy(mine.point_target, theirs.point_target)
-        if self._loop.solver.counters is not None and other._loop.solver.counters is not None:
-            wp.copy(self._loop.solver.counters, other._loop.solver.counters)
+        if self._loop.counters is not None and other._loop.counters is not None:
+            wp.copy(self._loop.counters, other._loop.counters)
         self._kinematic.restore(other._kinematic.memory)
         self.frame = other.frame
         self._loop.restart()

@@ -46,6 +46,7 @@ SETTINGS = {
     "method": Annotated[str | None, typer.Option(help=f"How constraints are projected: {', '.join(METHODS)}.")],
     "iterations": Annotated[int | None, typer.Option(help="Of the method: iterations a substep.")],
     "tolerance": Annotated[float | None, typer.Option(help="Of the method: stop when the largest |C| is below [m].")],
+    "substeps": Annotated[str | None, typer.Option(metavar="NUMBER|auto", help=_help("substeps"))],
 } | {
     name: Annotated[hint | None, typer.Option(help=_help(name))]
     for name, hint in get_type_hints(Settings).items()
@@ -79,9 +80,13 @@ def changed(settings: Settings, changes: Mapping[str, Any]) -> Settings:
     """Settings with what the command line says instead."""
     method = {name: changes[name] for name in ("iterations", "tolerance") if name in changes}
     others = {name: changes[name] for name in changes if name not in ("fps", "method", "iterations", "tolerance")}
+    if str(others.get("substeps", "")).lstrip("-").isdecimal():
+        others["substeps"] = int(others["substeps"])
     if "fps" in changes:
         others["dt"] = 1.0 / check.number("fps", changes["fps"], above=0.0)
-    return settings.with_method(changes.get("method"), **method).changed(**others)
+    if "method" in changes or method:
+        others["method"] = settings.with_method(changes.get("method"), **method).method
+    return settings.changed(**others)
 
 
 def parameters_of(set_: Sequence[str] | None) -> dict[str, str]:

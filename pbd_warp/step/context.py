@@ -47,7 +47,7 @@ class Context:
         w: Inverse masses [1/kg], [particle_count]: the model's, but 0 for a grabbed particle.
         u: Displacement of the step [m], [particle_count].
         point_target: Of the point constraints [m], [point_count]; None where there are none.
-        diverged: What a frame has found, int32 [3]: see kernels/divergence.py.
+        diverged: What a frame has found, int32 [4]: see kernels/divergence.py.
         arrays: All device arrays by name.
     """
 
@@ -65,7 +65,7 @@ class Context:
         self.point_target = None
         if len(model.point):
             self.point_target = self.upload("point.target", model.point.target, self.vec3)
-        self.diverged = self.upload("diverged", [NOTHING] * 3, wp.int32)
+        self.diverged = self.upload("diverged", [NOTHING] * 4, wp.int32)
         self.gravity = self.vec3(*model.gravity)
 
     def upload(self, name: str, values: Any, dtype: Any = None) -> wp.array:

@@ -222,7 +222,7 @@ class Session:
     def _change(self, changes: Mapping[str, Any]) -> None:
         new = self._changed(**changes)
         if changes.keys() & {"method", "iterations", "substeps"}:
-            sweeps = new.substeps * new.method.iterations
+            sweeps = new.whole_substeps * new.method.iterations
             if sweeps > MOST_SWEEPS:
                 raise InputError(
                     f"{new.substeps} substeps of {new.method.iterations} iterations are too much for a live view; "

@@ -3,6 +3,7 @@ configurations before and after), the `stages` of its step, and for each of them
 `update(stage)` (lines 12-15); `restart()` forgets the past."""
 
 from pbd_warp.step.integrators.bdf2 import BDF2
+from pbd_warp.step.integrators.dop853 import DOP853
 from pbd_warp.step.integrators.midpoint import Midpoint
 from pbd_warp.step.integrators.midpoint4 import Midpoint4
 from pbd_warp.step.integrators.pbd import PBD
@@ -15,4 +16,7 @@ INTEGRATORS: dict[str, type[PBD] | type[BDF2] | type[Midpoint]] = {
     "midpoint4": Midpoint4,
 }
 
-__all__ = ["BDF2", "INTEGRATORS", "PBD", "Integrator", "Midpoint", "Midpoint4"]
+EXPLICIT: dict[str, type[DOP853]] = {"dop853": DOP853}
+"""Those that make a frame by themselves, without the paper's loop and its methods."""
+
+__all__ = ["BDF2", "DOP853", "EXPLICIT", "INTEGRATORS", "PBD", "Integrator", "Midpoint", "Midpoint4"]
