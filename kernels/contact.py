@@ -66,6 +66,7 @@ def find_contacts(
     depenetration: Real,  # overlap that a step takes back at most [m]; negative: all of it
     neighbour_start: wp.array[wp.int32],  # [particle_count + 1], or None: no pair is joined
     neighbour: wp.array[wp.int32],  # [2 edge_count]
+    copy: wp.array[wp.int32],  # [particle_count] the copy of a replicated model, or None: there is one
     # State:
     x: wp.array[Vec3],
     w: wp.array[Real],
@@ -90,6 +91,9 @@ def find_contacts(
     grown = Real(1.0) + margin
     reach = sweep[i] + grown * (radius[i] + max_radius)
     for j in wp.hash_grid_query(grid, midpoint[i], reach):
+        if copy:
+            if copy[i] != copy[j]:
+                continue
         looks = sweep[i] > sweep[j] or (sweep[i] == sweep[j] and i < j)
         rest = radius[i] + radius[j]
         if looks and rest > Real(0.0) and w[i] + w[j] > Real(0.0):

@@ -21,12 +21,11 @@ def check_copies(
     x: wp.array[Vec3],
     v: wp.array[Vec3],
     # In:
-    nothing: wp.int32,  # to tell
     stretch_limit: Real,  # length over rest length, squared; 0: none
     energy_limit: wp.array[wp.float64],  # [copy_count] [J], or None: no limit
     # Out:
     found: wp.array2d[wp.int32],  # [copy_count, 3] lowest particle not finite, edge stretched, 0 for energy
-    diverged: wp.array[wp.int32],  # [3] first: lowest copy of which there is something to tell
+    diverged: wp.array[wp.int32],  # [4] first: lowest copy of which there is something to tell
 ):
     c = wp.tid()
     worst = wp.int32(0)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from pbd_warp.model.copies import copy_of
 from pbd_warp.preflight import SMALLER_STEPS, Snapshot, nearest_remedy
 from pbd_warp.step.constraints.contact import room_for_contacts
 
@@ -21,6 +24,20 @@ def describe(now: Snapshot, failure: Failure) -> str:
         return f"{what}; give Simulation or Scene max_contacts={2 * number} or more"
     remedy = nearest_remedy(now) or _remedy(now, failure[0])
     return f"{_finding(now, failure)} with {now.settings}; {_worst_constraint(now)}{remedy}"
+
+
+def describe_copies(now: Snapshot, failures: Mapping[int, Failure]) -> dict[int, str]:
+    """One sentence about each copy that has failed, as if it were alone; its particles are numbered from 0."""
+
+    def part(values: np.ndarray, k: int) -> np.ndarray:
+        part: np.ndarray = values.reshape(now.model.copy_count, -1, *values.shape[1:])[k]
+        return part
+
+    def alone(k: int) -> Snapshot:
+        x, v, w, target = (part(values, k) for values in (now.x, now.v, now.w, now.point_target))
+        return Snapshot(copy_of(now.model, k), now.settings, x, v, w, target)
+
+    return {k: describe(alone(k), failure) for k, failure in failures.items()}
 
 
 def _remedy(now: Snapshot, kind: str) -> str:

@@ -7,11 +7,13 @@ from typing import Any
 
 import warp as wp
 
+from pbd_warp.errors import InputError
 from pbd_warp.failure import Failure
 from pbd_warp.model.model import Model, State
 from pbd_warp.settings import Settings
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.context import NOTHING, Context, Stage
+from pbd_warp.step.copies import CopyMonitor
 from pbd_warp.step.damping import Damper
 from pbd_warp.step.divergence import DivergenceMonitor
 from pbd_warp.step.integrators import DOP853, EXPLICIT, INTEGRATORS, Integrator
@@ -34,6 +36,7 @@ class Loop:
 
     def __init__(self, model: Model, settings: Settings):
         self._settings = settings
+        _refuse_copies(model, settings)
         name = settings.integrator
         if name in EXPLICIT or INTEGRATORS[name].order > 1:
             refuse_first_order_features(settings.integrator, model, settings.damping, settings.depenetration_speed)
@@ -50,7 +53,8 @@ class Loop:
         else:
             self.integrator = INTEGRATORS[name](context, damped=self.damper is not None)
             self.solver = settings.method.bind(context, self.contacts)
-        self.monitor = DivergenceMonitor(context, settings.limits)
+        monitor = DivergenceMonitor if model.copy_count == 1 else CopyMonitor
+        self.monitor: DivergenceMonitor | CopyMonitor = monitor(context, settings.limits)
         self.start: State | None = None
         if settings.on_failure in ("subdivide", "fallback"):
             n = model.particle_count
@@ -108,13 +112,23 @@ class Loop:
             if needed:
                 self.contacts.needed.zero_()
                 return "contacts", needed
-        particle, edge, energy, piece = self.context.diverged.numpy().tolist()
-        for kind, number in ("particle", particle), ("piece", piece), ("stretch", edge), ("energy", energy):
-            if number != NOTHING:
-                return kind, number
+        if isinstance(self.monitor, DivergenceMonitor):
+            particle, edge, energy, piece = self.context.diverged.numpy().tolist()
+            for kind, number in ("particle", particle), ("piece", piece), ("stretch", edge), ("energy", energy):
+                if number != NOTHING:
+                    return kind, number
         if self._newton and self.unconverged:
             return "newton", self.unconverged
         return None
+
+    def find_failed_copies(self) -> dict[int, Failure]:
+        """What is wrong with each copy that has failed in the frame just made; none where there are no copies."""
+        return self.monitor.find() if isinstance(self.monitor, CopyMonitor) else {}
+
+    def lay_to_rest(self, copies: list[int]) -> None:
+        """These copies take no more part."""
+        assert isinstance(self.monitor, CopyMonitor)
+        self.monitor.lay_to_rest(copies)
 
     @property
     def unconverged(self) -> int | None:
@@ -167,3 +181,12 @@ class Loop:
         with wp.ScopedCapture(device=self.context.model.device, force_module_load=False) as capture:
             self.run_frame()
         return capture.graph
+
+
+def _refuse_copies(model: Model, settings: Settings) -> None:
+    if model.copy_count == 1:
+        return
+    if settings.on_failure in ("subdivide", "fallback"):
+        raise InputError(f"on_failure={settings.on_failure!r} would make all copies of a model again: use 'raise'")
+    if settings.integrator in EXPLICIT:
+        raise InputError(f"integrator {settings.integrator!r} takes no copies of a model: simulate them one by one")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from pbd_warp import retry
 from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import SimulationFailed
-from pbd_warp.failure import describe
+from pbd_warp.failure import Failure, describe, describe_copies
 from pbd_warp.loop import Loop
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
@@ -35,6 +35,7 @@ class Simulation:
         settings: A frozen `Settings`; `like` and `continue_with` make a simulation with others.
         state: Positions and velocities now; Warp arrays, which may be read and written between frames.
         frame: Frames done.
+        failures: Of a replicated model: the sentence on each copy that has diverged, by its number; the others go on.
         retried: Frames that "subdivide" or "fallback" made again with success.
 
     Raises:
@@ -50,6 +51,7 @@ class Simulation:
         self.model = model = settings.apply(model)
         self.frame = 0
         self.retried = 0
+        self.failures: dict[int, str] = {}
         self._loop = Loop(model, settings)
         self._context = self._loop.context
         self._kinematic = KinematicParticles(self._context, settings.dt)
@@ -61,11 +63,14 @@ class Simulation:
 
         Raises:
             SimulationFailed: the frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
-                were more contacts than room for them.
+                were more contacts than room for them; or no copy of a replicated model is left (see `failures`).
         """
         self._kinematic.begin_frame(self.frame)
         self._loop.make_frame()
         self.frame += 1
+        if copies := self._loop.find_failed_copies():
+            self._note_failed(copies)
+            return
         failure = self._loop.find_failure()
         if failure is None:
             return
@@ -80,6 +85,8 @@ class Simulation:
     def reset(self) -> None:
         """Back to the initial state: what comes then is what came the first time."""
         self._kinematic.reset()
+        self._context.w.assign(self.model.w)
+        self.failures = {}
         self.state.x.assign(self.model.x)
         self.state.v.assign(self.model.v)
         if self.point_target is not None:
@@ -111,6 +118,7 @@ class Simulation:
         """
         arrays = {name: array.numpy() for name, array in self._context.arrays.items()}
         progress = {"frame": self.frame, "retried": self.retried, "kinematic": self._kinematic.memory}
+        progress["failures"] = list(self.failures.items())
         Checkpoint(self._given_model, self.settings, progress, arrays, dict(extra or {})).write(path)
 
     @classmethod
@@ -275,6 +283,13 @@ class Simulation:
             return True
         return False
 
+    def _note_failed(self, copies: Mapping[int, Failure]) -> None:
+        sentences = describe_copies(self._snapshot(), copies)
+        self.failures |= {k: f"{self._when}: {sentence}" for k, sentence in sentences.items()}
+        self._loop.lay_to_rest(list(copies))
+        if len(self.failures) == self.model.copy_count:
+            raise SimulationFailed(f"all {self.model.copy_count} copies have diverged, copy 0 in {self.failures[0]}")
+
     def _take_over(self, other: Simulation, state: State | None = None) -> None:
         """Go on from where `other`, a simulation of the same model, is (or from a `state` of it)."""
         mine, theirs = self._context, other._context
@@ -286,12 +301,13 @@ class Simulation:
         if self._loop.counters is not None and other._loop.counters is not None:
             wp.copy(self._loop.counters, other._loop.counters)
         self._kinematic.restore(other._kinematic.memory)
-        self.frame = other.frame
+        self.frame, self.failures = other.frame, dict(other.failures)
         self._loop.restart()
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
         checkpoint.fill(self._context.arrays, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
+        self.failures = dict(checkpoint.progress["failures"])
         self._kinematic.restore(checkpoint.progress["kinematic"])
 
     def _snapshot(self) -> Snapshot:

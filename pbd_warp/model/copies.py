@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
 from pbd_warp.model.model import Model
 
 VARYING = ("positions", "velocity", "mass", "radius", "rest_length", "stiffness", "compliance")
 """What may differ from copy to copy, named as the builder's methods name it."""
+
+OF_EDGES = VARYING[4:]
 
 
 def check_varying(n: int, particle_count: int, edge_count: int, values: Mapping[str, Any]) -> dict[str, np.ndarray]:
@@ -31,7 +32,7 @@ def check_varying(n: int, particle_count: int, edge_count: int, values: Mapping[
     for name, value in values.items():
         if name not in VARYING:
             raise unknown("value that varies by copy", name, VARYING)
-        count = edge_count if name in ("rest_length", "stiffness", "compliance") else particle_count
+        count = edge_count if name in OF_EDGES else particle_count
         shape = (n, count, 3) if name in ("positions", "velocity") else (n, count)
         try:
             array = np.broadcast_to(np.asarray(value, np.float64), shape)
@@ -66,7 +67,7 @@ def replicate(model: Model, n: int, varying: Mapping[str, Any]) -> Model:
         changes["w"] = np.where(model.w > 0.0, 1.0 / values["mass"], 0.0)
     if "radius" in values:
         changes["radius"] = values["radius"]
-    soft = {name: values[name] for name in ("rest_length", "stiffness", "compliance") if name in values}
+    soft = {name: values[name] for name in values if name in OF_EDGES}
     return _replicate(model, n, changes, soft, {})
 
 
@@ -157,7 +158,9 @@ def _replicate(
         *(values(model.point, name, points) for name in ("target", "stiffness", "compliance")),
     )
     x, v = values(model, "x", changes), values(model, "v", changes)
-    if not np.isfinite(np.concatenate([x, v]).astype(model.dtype)).all():
+    with np.errstate(over="ignore"):
+        too_large = not np.isfinite(np.concatenate([x, v]).astype(model.dtype)).all()
+    if too_large:
         raise InputError(f"a position or velocity of a copy is too large a number for {model.dtype}")
     return replace(
         model,

@@ -76,6 +76,11 @@ class Model:
         return len(self.distance) + len(self.point)
 
     @property
+    def copy(self) -> np.ndarray:
+        """Of which copy each particle is, int [particle_count]."""
+        return np.arange(self.particle_count) // (self.particle_count // self.copy_count)
+
+    @property
     def dtype(self) -> str:
         """ "float32" or "float64"."""
         return self.real.__name__

@@ -82,7 +82,9 @@ class ContactConstraints:
             self.grid.reserve(n)
             self.midpoint = context.allocate("contact.midpoint", n, context.vec3)
             self.sweep = context.allocate("contact.sweep", n, context.real)
-            self.neighbour_start = self.neighbour = None
+            self.neighbour_start = self.neighbour = self.copy = None
+            if model.copy_count > 1:
+                self.copy = context.upload("contact.copy", model.copy, wp.int32)
             if len(model.distance):
                 start, neighbour = neighbours(model.distance.edge, n)
                 self.neighbour_start = context.upload("contact.neighbour_start", start, wp.int32)
@@ -111,6 +113,7 @@ class ContactConstraints:
                     self.depenetration,
                     self.neighbour_start,
                     self.neighbour,
+                    self.copy,
                 ),
                 *(x, w, u, self.midpoint, self.sweep),
                 *(*self.found, self.valence),
