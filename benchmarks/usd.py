@@ -27,7 +27,7 @@ import warp.render
 from plain_c import timed
 
 import pbd_warp as pbd
-from pbd_warp.usd.animation import CHUNK
+from pbd_warp.usd.chunks import CHUNK
 
 PARTICLES = 10_000
 FRAMES = 96

@@ -5,9 +5,11 @@ from pbd_warp.grab.drag import Drag
 from pbd_warp.measure import Measures, measure
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
+from pbd_warp.player.motion import Motion
 from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene, load_scene, scene_names
 from pbd_warp.settings import Settings
+from pbd_warp.show import show
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import Limits
 from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
@@ -24,6 +26,7 @@ __all__ = [
     "Measures",
     "Model",
     "ModelBuilder",
+    "Motion",
     "PbdError",
     "PreflightWarning",
     "Scene",
@@ -36,4 +39,5 @@ __all__ = [
     "load_scene",
     "measure",
     "scene_names",
+    "show",
 ]

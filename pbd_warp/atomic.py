@@ -4,19 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
+import secrets
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
-from pxr import Tf
-
-from pbd_warp.errors import InputError, SimulationFailed
-
-try:
-    import fcntl
-except ImportError:  # Windows: two runs to one path are then not noticed
-    fcntl = None  # type: ignore[assignment]
+from pbd_warp.errors import SimulationFailed
 
 
 class LateSync:
@@ -61,18 +56,23 @@ class LateSync:
             try:
                 result.result()
             except OSError as error:
-                raise _failed(path, error) from error
+                raise not_written(path, error) from error
 
 
 @contextlib.contextmanager
-def replacing(path: Path, temporary: Path, late: LateSync | None = None) -> Iterator[Path]:
-    """Write to `temporary` (same file system) in the body; then it takes the place of `path`.
+def replacing(path: Path, temporary: Path | None = None, late: LateSync | None = None) -> Iterator[Path]:
+    """Write to the path that this gives; after the body that file takes the place of `path`, through links.
 
     Before that it is brought to the disk, with `late` after that.
 
+    Args:
+        temporary: Where to write, on the same file system; a hidden name beside `path` unless given.
+
     Raises:
-        SimulationFailed: it could not be written. `path` is as it was, `temporary` gone.
+        SimulationFailed: it could not be written. `path` is as it was, what was written of the new one is gone.
     """
+    path = through_links(path)
+    temporary = temporary or hidden(path)
     try:
         yield temporary
         if late is None:
@@ -82,39 +82,74 @@ def replacing(path: Path, temporary: Path, late: LateSync | None = None) -> Iter
             _sync_all([_open(path.parent)])
         else:
             late.add(path)
-    except (OSError, Tf.ErrorException) as error:
+    except BaseException as error:
         with contextlib.suppress(OSError):
             temporary.unlink()
-        raise _failed(path, error) from error
+        if isinstance(error, OSError):
+            raise not_written(path, error) from error
+        raise
 
 
-class FolderLock:
-    """Reserves a folder until it is released or the process ends, killed or not.
+def write_text(path: Path, text: str) -> None:
+    """Write a text file, whole or not at all (SimulationFailed)."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
 
-    Raises:
-        InputError: another has it.
+
+def through_links(path: Path) -> Path:
+    """The file that is written where `path` is: what it leads to, where it is a link."""
+    return Path(os.path.realpath(path)) if path.is_symlink() else path
+
+
+def hidden(path: Path) -> Path:
+    """A name beside `path` that nothing has, of the same kind, for a file that is to replace it."""
+    return path.with_name(f".{path.stem}.{secrets.token_hex(4)}.new{path.suffix}")
+
+
+def clear_hidden(path: Path) -> None:
+    """Remove what killed processes left of `hidden` files; only while no other process writes to `path`."""
+    # Or six letters in place of the suffix: USD, too, writes to another name first.
+    ours = re.compile(rf"\.{re.escape(path.stem)}\.[0-9a-f]{{8}}\.new({re.escape(path.suffix)}|\.\w{{6}})")
+    for file in path.parent.iterdir():
+        if ours.fullmatch(file.name):
+            with contextlib.suppress(OSError):
+                file.unlink()
+
+
+class Place:
+    """A folder that has to stay where it is while files are written to it.
+
+    A library that makes folders as it needs them would go on writing where one has been moved away.
     """
 
     def __init__(self, folder: Path):
-        self._descriptor: int | None = None
-        if fcntl is None:
-            return
-        self._descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            fcntl.flock(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            self.release()
-            raise InputError(f"another run is writing to {folder}: wait for it, or name another output") from None
-        except OSError:
-            self.release()  # a file system without locks
+        self.folder = folder
+        self._is = _inode(folder)
 
-    def release(self) -> None:
-        if self._descriptor is not None:
-            os.close(self._descriptor)
-            self._descriptor = None
+    @property
+    def there(self) -> bool:
+        """Whether it still is the folder that it was."""
+        return self._is is not None and _inode(self.folder) == self._is
 
-    def __del__(self) -> None:
-        self.release()
+    def check(self) -> None:
+        """Raise a SimulationFailed where it is not."""
+        if not self.there:
+            raise SimulationFailed(
+                f"the folder {self.folder} was moved or removed during the run: what was written went with it"
+            )
+
+
+def not_written(path: Path, error: OSError) -> SimulationFailed:
+    """The sentence on a file that could not be written."""
+    return SimulationFailed(f"{path} could not be written: {error}; is the disk full?")
+
+
+def _inode(folder: Path) -> tuple[int, int] | None:
+    try:
+        status = folder.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino
 
 
 def _open(path: Path) -> int | None:
@@ -132,14 +167,3 @@ def _sync_all(descriptors: Sequence[int | None]) -> None:
             stack.callback(os.close, descriptor)
         for descriptor in opened:
             os.fsync(descriptor)
-
-
-def _failed(path: Path, error: Exception) -> SimulationFailed:
-    return SimulationFailed(f"{path} could not be written: {reason(error)}; is the disk full?")
-
-
-def reason(error: Exception) -> str:
-    """USD's errors are many lines of where in its source; the first one's words are the reason."""
-    if isinstance(error, Tf.ErrorException) and error.args:
-        return str(getattr(error.args[0], "commentary", error))
-    return str(error)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-import os
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +23,14 @@ def number(name: str, value: Any, *, low: float = -math.inf, high: float = math.
     return result
 
 
-def whole(name: str, value: Any, *, low: int) -> int:
-    """An integer of at least `low`."""
+def whole(name: str, value: Any, *, low: int, high: int | None = None) -> int:
+    """An integer of at least `low`, and at most `high` where that is given."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise InputError(f"{name} must be a whole number, not {value!r}")
     if value < low:
         raise InputError(f"{name} must be at least {low}, not {value}")
+    if high is not None and value > high:
+        raise InputError(f"{name} must be at most {high}, not {value}")
     return int(value)
 
 
@@ -83,13 +85,12 @@ def indices(name: str, values: Any, count: int) -> np.ndarray:
 
 
 def folder(path: Path) -> None:
-    """Whether files can be made in a folder, found out by making one."""
+    """Whether files can be made in a folder, found out by making one (without a name, so that no kill leaves it)."""
     if not path.is_dir():
         raise InputError(f"the output folder {path} does not exist; make it first or name another")
-    probe = path / f".pbd-warp-{os.getpid()}"
     try:
-        probe.touch()
-        probe.unlink()
+        with tempfile.TemporaryFile(dir=path):
+            pass
     except OSError as error:
         raise InputError(f"the output folder {path} cannot be written to: {error.strerror}") from None
 

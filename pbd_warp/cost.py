@@ -4,7 +4,24 @@ from __future__ import annotations
 
 from itertools import groupby
 
+from pbd_warp.model.model import Model
+from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
+
+MOST_PROJECTIONS = 1e9
+"""Of constraints in a frame; some seconds on a CPU."""
+
+LAUNCH = 1000
+"""Projections that take as long as the launch of a kernel on none."""
+
+
+def too_much(model: Model, settings: Settings) -> str | None:
+    """A sentence on settings with which a frame takes very long, None where it does not."""
+    steps = settings.dt / settings.step_dt
+    work = steps * settings.method.iterations * (model.constraint_count + LAUNCH)
+    if work <= MOST_PROJECTIONS:
+        return None
+    return f"each frame takes {work:.1g} projections of constraints, which is minutes or more, with {settings}"
 
 
 def cost_sheet(sim: Simulation) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from pbd_warp.errors import SimulationFailed
 from pbd_warp.model.copies import copy_of
 from pbd_warp.preflight import SMALLER_STEPS, Snapshot, nearest_remedy
 from pbd_warp.step.constraints.contact import room_for_contacts
@@ -15,18 +16,24 @@ Failure = tuple[str, int]
 ("newton", how many solutions), ("contacts", how many there were without room for them)."""
 
 
-def describe(now: Snapshot, failure: Failure) -> str:
-    """One sentence about a frame that has just been made."""
+def failed(when: str, now: Snapshot, failure: Failure, tried: str = "") -> SimulationFailed:
+    """The error about a frame that has just been made.
+
+    Args:
+        when: Which frame it is.
+        tried: What was tried to save it.
+    """
     kind, number = failure
     if kind == "contacts":
         room = room_for_contacts(now.model.particle_count, now.settings.max_contacts)
-        what = f"{number} contacts, but there is room for {room}"
-        return f"{what}; give Simulation or Scene max_contacts={2 * number} or more"
-    remedy = nearest_remedy(now) or _remedy(now, failure[0])
-    return f"{_finding(now, failure)} with {now.settings}; {_worst_constraint(now)}{remedy}"
+        what = f"{when}: {number} contacts, but there is room for {room}"
+        return SimulationFailed(what, remedy=f"give Simulation or Scene max_contacts={2 * number} or more")
+    where = "; ".join(text for text in (f"with {now.settings}", _worst_constraint(now)) if text)
+    remedy = "; ".join(text for text in (nearest_remedy(now) or _remedy(now, kind), tried) if text)
+    return SimulationFailed(f"{when}: {_finding(now, failure)}", where=where, remedy=remedy)
 
 
-def describe_copies(now: Snapshot, failures: Mapping[int, Failure]) -> dict[int, str]:
+def failed_copies(when: str, now: Snapshot, failures: Mapping[int, Failure]) -> dict[int, str]:
     """One sentence about each copy that has failed, as if it were alone; its particles are numbered from 0."""
 
     def part(values: np.ndarray, k: int) -> np.ndarray:
@@ -37,7 +44,7 @@ def describe_copies(now: Snapshot, failures: Mapping[int, Failure]) -> dict[int,
         x, v, w, target = (part(values, k) for values in (now.x, now.v, now.w, now.point_target))
         return Snapshot(copy_of(now.model, k), now.settings, x, v, w, target)
 
-    return {k: describe(alone(k), failure) for k, failure in failures.items()}
+    return {k: str(failed(when, alone(k), failure)) for k, failure in failures.items()}
 
 
 def _remedy(now: Snapshot, kind: str) -> str:
@@ -45,7 +52,7 @@ def _remedy(now: Snapshot, kind: str) -> str:
     if kind == "newton":
         return (
             f"{SMALLER_STEPS}, on_failure='subdivide', which makes such frames again with smaller steps, or "
-            "'continue', where what is left over does not matter"
+            "on_failure='continue', where what is left over does not matter"
         )
     if kind == "piece":
         cure = "use a larger error" if now.settings.auto else SMALLER_STEPS
@@ -78,8 +85,8 @@ def _worst_constraint(now: Snapshot) -> str:
     worst = int(np.argmax(c))
     if worst >= len(edges):
         particle = points.particle[worst - len(edges)]
-        return f"the worst constraint is the point of particle {particle}, off by {c[worst]:.3g} m; "
+        return f"the worst constraint is the point of particle {particle}, off by {c[worst]:.3g} m"
     i, j = edges.edge[worst]
     rest = edges.rest_length[worst]
     relative = f" ({100 * c[worst] / rest:.3g} % of its length)" if rest > 0.0 else ""
-    return f"the worst constraint is the distance of particles {i} and {j}, off by {c[worst]:.3g} m{relative}; "
+    return f"the worst constraint is the distance of particles {i} and {j}, off by {c[worst]:.3g} m{relative}"

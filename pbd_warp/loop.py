@@ -18,7 +18,9 @@ from pbd_warp.step.damping import Damper
 from pbd_warp.step.divergence import DivergenceMonitor
 from pbd_warp.step.integrators import DOP853, EXPLICIT, INTEGRATORS, Integrator
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
+from pbd_warp.step.loading import load_modules
 from pbd_warp.step.methods import Direct
+from pbd_warp.step.pull import Pull
 
 
 class Loop:
@@ -44,15 +46,18 @@ class Loop:
         self.contacts = None
         if model.collides:
             self.contacts = ContactConstraints(context, settings.method.valence(model), settings.max_contacts)
-        self.damper = Damper(context, settings.damping, settings.whole_substeps) if settings.damping > 0.0 else None
+        self.damper = Damper(context, settings.damping, settings.steps_a_frame) if settings.damping > 0.0 else None
         self.explicit: DOP853 | None = None
         self.integrator: Integrator | None = None
         self.solver: Any = None
+        self.pull: Pull | None = None
         if name in EXPLICIT:
             self.explicit = EXPLICIT[name](context, settings.dt, settings.error if settings.auto else None)
         else:
             self.integrator = INTEGRATORS[name](context, damped=self.damper is not None)
             self.solver = settings.method.bind(context, self.contacts)
+            if settings.grab_acceleration is not None:
+                self.pull = Pull(context, settings.grab_acceleration, settings.grab_speed)
         monitor = DivergenceMonitor if model.copy_count == 1 else CopyMonitor
         self.monitor: DivergenceMonitor | CopyMonitor = monitor(context, settings.limits)
         self.start: State | None = None
@@ -79,7 +84,7 @@ class Loop:
             context.launch.copy(self.start.v, context.state.v)
         if self.counters is not None:
             context.launch.zero(self.counters)
-        for _ in range(1 if self.explicit else self._settings.whole_substeps):
+        for _ in range(1 if self.explicit else self._settings.steps_a_frame):
             self.run_step()
         self.monitor.launch()
 
@@ -89,6 +94,8 @@ class Loop:
             self.explicit.make_frame()
             return
         assert self.integrator
+        if self.pull:
+            self.pull.launch()
         for stage in self.integrator.stages:
             self._run_stage(stage)
 
@@ -142,12 +149,12 @@ class Loop:
             return int(self.counters.numpy()[0])
         if self.integrator is None:
             return 0
-        return self._settings.method.iterations * self._settings.whole_substeps * len(self.integrator.stages)
+        return self._settings.method.iterations * self._settings.steps_a_frame * len(self.integrator.stages)
 
     @property
     def steps_used(self) -> int:
         """Steps of the last frame, of the piece that took most."""
-        return int(self.explicit.steps_used.max()) if self.explicit else self._settings.whole_substeps
+        return int(self.explicit.steps_used.max()) if self.explicit else self._settings.steps_a_frame
 
     @property
     def counters(self) -> wp.array | None:
@@ -173,8 +180,7 @@ class Loop:
             self.run_step()
             self.monitor.launch()
         start = time.perf_counter()
-        for module in {kernel.module.name for _, kernel in trace if kernel}:
-            wp.load_module(module, device=self.context.model.device)
+        load_modules({kernel.module.name for _, kernel in trace if kernel}, self.context.model.device)
         return time.perf_counter() - start
 
     def _capture(self) -> wp.Graph:

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pbd_warp.forces import Forces
 from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.simulation import Simulation
+from pbd_warp.step.divergence import STRETCHED
 
 
 @dataclass(frozen=True)
@@ -17,17 +19,23 @@ class Measures:
     residual: Largest |C| [m] of what should hold exactly: distances and points without compliance, overlaps of
         particles in contact and with colliders.
     max_stretch: Largest | |x_i - x_j| / rest_length - 1 | of all distances (of rest length above 0).
+    stretched: Distances without compliance that are off by more than STRETCHED of their length (step/divergence.py).
     overlap: Deepest overlap of two particles in contact, or of a particle and a collider [m].
     energy: Kinetic, in gravity (0 at the origin's height) and in compliant constraints [J].
+    kinetic: The first of these [J].
     momentum [kg m/s], angular_momentum about the origin [kg m^2/s]: of all free particles, shape [3].
+    forces: Tensions, reactions and contact forces of the last step; None where the method does not keep them.
     """
 
     residual: float
     max_stretch: float
+    stretched: int
     overlap: float
     energy: float
+    kinetic: float
     momentum: np.ndarray
     angular_momentum: np.ndarray
+    forces: Forces | None
 
 
 @dataclass(frozen=True)
@@ -39,8 +47,10 @@ class CopyMeasures:
 
     residual: np.ndarray
     max_stretch: np.ndarray
+    stretched: np.ndarray
     overlap: np.ndarray
     energy: np.ndarray
+    kinetic: np.ndarray
     momentum: np.ndarray
     angular_momentum: np.ndarray
 
@@ -52,9 +62,12 @@ def measure(sim: Simulation) -> Measures:
         largest = {name: float(np.max(getattr(each, name))) for name in ("residual", "max_stretch", "overlap")}
         return Measures(
             **largest,
+            stretched=int(np.sum(each.stretched)),
             energy=float(np.sum(each.energy)),
+            kinetic=float(np.sum(each.kinetic)),
             momentum=each.momentum.sum(axis=0),
             angular_momentum=each.angular_momentum.sum(axis=0),
+            forces=sim.forces if sim.settings.method.keeps_forces else None,
         )
 
 
@@ -85,6 +98,7 @@ def _measure(sim: Simulation) -> CopyMeasures:
     def total(values: np.ndarray) -> np.ndarray:
         return np.sum(by_copy(values), axis=1)
 
+    kinetic = total(0.5 * m * np.sum(v * v, axis=1))
     stretch = np.divide(c, edges.rest_length, out=np.zeros_like(c), where=edges.rest_length > 0.0)
     overlap = np.maximum(_pair_overlap(sim, x), largest(_collider_overlap(sim, x)))
     rigid = largest(np.where(edges.compliance == 0.0, c, 0.0))
@@ -93,8 +107,10 @@ def _measure(sim: Simulation) -> CopyMeasures:
     return CopyMeasures(
         residual=np.maximum(np.maximum(rigid, rigid_points), overlap),
         max_stretch=largest(stretch),
+        stretched=total(~(np.abs(stretch) <= STRETCHED) & (edges.compliance == 0.0)).astype(np.float64),
         overlap=overlap,
-        energy=total(m * (0.5 * np.sum(v * v, axis=1) - np.sum(x * model.gravity, axis=1))) + elastic,
+        energy=kinetic - total(m * np.sum(x * model.gravity, axis=1)) + elastic,
+        kinetic=kinetic,
         momentum=total(m[:, None] * v),
         angular_momentum=total(m[:, None] * np.cross(x, v)),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pbd_warp.settings import Settings
+from pbd_warp.settings import MOST_SUBSTEPS, Settings
 
 DOUBLINGS = 4
 """ "subdivide" goes up to 2^4 times the substeps."""
@@ -18,7 +18,7 @@ def attempts(settings: Settings) -> Iterator[tuple[str, Settings]]:
     once = settings.changed(on_failure="raise")
     if settings.on_failure == "subdivide":
         for doubling in range(1, DOUBLINGS + 1):
-            substeps = settings.whole_substeps * 2**doubling
+            substeps = min(settings.steps_a_frame * 2**doubling, MOST_SUBSTEPS)
             yield f"{substeps} substeps", once.changed(substeps=substeps)
     elif settings.on_failure == "fallback":
         own = settings.integrator
@@ -31,4 +31,4 @@ def tried(settings: Settings) -> str:
     if settings.on_failure not in ("subdivide", "fallback"):
         return ""
     names = ", ".join(name for name, _ in attempts(settings)) or f"nothing more robust than {FALLBACKS[-1]!r}"
-    return f"; tried without success: {names}"
+    return f"tried without success: {names}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,50 +13,26 @@ from typing import Any, Protocol
 import warp as wp
 
 from pbd_warp import check
+from pbd_warp.atomic import clear_hidden, through_links
 from pbd_warp.checkpoint import Checkpoint
+from pbd_warp.cost import too_much
 from pbd_warp.errors import InputError, Interrupted, SimulationFailed
+from pbd_warp.figures import Progress, RunStats, provenance
 from pbd_warp.grab.controller import Controller, play
 from pbd_warp.grab.drag import Drag
 from pbd_warp.grab.recording import Recording, Replay
+from pbd_warp.identity import Identity
+from pbd_warp.lock import Lock
 from pbd_warp.measure import measure
 from pbd_warp.model.model import Model, State
+from pbd_warp.paths import animation_files, check_apart, check_file
+from pbd_warp.player.motion import EXTENSIONS
+from pbd_warp.player.writer import MotionWriter
 from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene
+from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
 from pbd_warp.usd.writer import UsdWriter
-from pbd_warp.version import __version__
-
-
-@dataclass(frozen=True)
-class RunStats:
-    """What a run was and how it went; the fields are the keys of `--stats FILE.json`.
-
-    unconverged: Steps that ended above the method's tolerance, None where it has none.
-    retried: Frames that were made again after a failure (`on_failure`).
-    """
-
-    scene: str
-    device: str
-    dtype: str
-    method: str
-    integrator: str
-    substeps: int
-    iterations: int
-    frames: int
-    compile_s: float
-    wall_ms_per_frame: float
-    max_stretch: float
-    max_residual: float
-    energy_start: float
-    energy_end: float
-    particles: int
-    constraints: int
-    out: str
-    unconverged: int | None
-    retried: int
-
-    def save(self, path: Path) -> None:
-        path.write_text(json.dumps(vars(self), indent=2) + "\n")
 
 
 @dataclass(frozen=True)
@@ -70,32 +45,7 @@ class Checkpoints:
 
     def __post_init__(self) -> None:
         check.whole("every", self.every, low=1)
-        check.folder(self.path.parent)
-        if self.path.is_dir():
-            raise InputError(f"checkpoint {self.path} is a folder; name a file in it")
-
-
-@dataclass
-class _Progress:
-    """The running figures of a run; with them it is resumed."""
-
-    frames: int
-    energy_start: float
-    energy: float
-    max_stretch: float
-    max_residual: float
-    unconverged: int | None
-    wall: float = 0.0
-
-    def note(self, sim: Simulation, seconds: float) -> None:
-        """Another frame."""
-        now = measure(sim)
-        self.energy = now.energy
-        self.max_stretch = max(self.max_stretch, now.max_stretch)
-        self.max_residual = max(self.max_residual, now.residual)
-        if sim.unconverged is not None:
-            self.unconverged = (self.unconverged or 0) + sim.unconverged
-        self.wall += seconds
+        check_file(self.path)
 
 
 class Writer(Protocol):
@@ -118,13 +68,17 @@ class Hooks:
     """What a run tells while it goes on, and where it leaves checkpoints.
 
     on_frame: Called after each frame with how many are written. A KeyboardInterrupt from it ends the run.
+    on_start: Called before anything else with what will take very long, as a sentence.
     on_warning: Called before the first step with each thing that is known to fail (`Simulation.check`).
+    on_drawn: Called while a video is drawn, at the end, with how many of how many pictures are done.
     checkpoints: A resumed run ends with the same file as one that never stopped. None: none are left.
     """
 
     on_frame: Callable[[int], object] = lambda frame: None
+    on_start: Callable[[str], object] = lambda sentence: None
     on_warning: Callable[[PreflightWarning], object] = lambda warning: None
     checkpoints: Checkpoints | None = None
+    on_drawn: Callable[[int, int], object] = lambda done, of: None
 
 
 def run(
@@ -134,11 +88,14 @@ def run(
     dtype: str = "float32",
     hooks: Hooks = Hooks(),
     recording: Recording | None = None,
+    up_axis: str = "Y",
 ) -> RunStats:
-    """Simulate a scene and write its frames to `out`: frame 0 is the initial state, scene.frames there are in all.
+    """Simulate a scene and write its frames to `out`, a USD animation, a page that plays them or a video: frame 0
+    is the initial state, scene.frames there are in all.
 
     Args:
         recording: A recording to be done again, with its settings, instead of the scene's drag.
+        up_axis: Of the file, see UsdWriter.
 
     Raises:
         InputError: before anything is simulated or written.
@@ -146,6 +103,7 @@ def run(
     """
     check.whole("frames", scene.frames, low=1)
     model = scene.builder.finalize(device=device, dtype=dtype)
+    tell_cost(model, scene.settings, hooks)
     controller: Drag | Replay
     if recording is None:
         controller = Drag(scene.drag)
@@ -155,60 +113,83 @@ def run(
         controller = recording.replay(scene, model)
         sim = controller.begin()
 
-    def open_writer(resume: int | None) -> UsdWriter:
-        return UsdWriter(out, model, scene.fps, provenance(scene, model), resume)
+    if out.suffix in EXTENSIONS and hooks.checkpoints:
+        raise InputError(f"{out} cannot be gone on with: leave checkpoints of a .usdc, and play that at the end")
 
-    return make_frames(scene, sim, controller, open_writer, out, hooks)
+    def open_writer(resume: int | None, identity: Identity) -> Writer:
+        if out.suffix in EXTENSIONS:
+            return MotionWriter(out, model, scene.fps, scene.name, hooks.on_drawn)
+        made_by = provenance(scene, model)
+        return UsdWriter(out, model, scene.fps, made_by, resume, up_axis, identity=identity)
+
+    return make_frames(scene, sim, controller, open_writer, out, hooks, f"{up_axis} up")
 
 
-def provenance(scene: Scene, model: Model) -> dict[str, Any]:
-    """How a file was made, for its customLayerData."""
-    return {
-        "version": __version__,
-        "scene": scene.name,
-        "device": str(model.device),
-        "dtype": model.dtype,
-        "method": scene.settings.method.name,
-        "integrator": scene.settings.integrator,
-        "substeps": scene.settings.substeps,
-        "iterations": scene.settings.method.iterations,
-    }
+def tell_cost(model: Model, settings: Settings, hooks: Hooks) -> None:
+    """Say, before a simulation is built, that it will take very long."""
+    sentence = too_much(model, settings)
+    if sentence:
+        hooks.on_start(sentence)
 
 
 def make_frames(
     scene: Scene,
     sim: Simulation,
     controller: Controller,
-    open_writer: Callable[[int | None], Writer],
+    open_writer: Callable[[int | None, Identity], Writer],
     out: Path,
     hooks: Hooks,
+    stage: str = "",
 ) -> RunStats:
     """All frames of a scene: lead, step, write.
 
     Args:
-        open_writer: Gives what writes them; its argument is how many of them are there already.
+        open_writer: Gives what writes them; its arguments are how many of them are there already, and whose they are.
+        stage: What the frames depend on besides: a digest of the USD stage that the scene is read from, for instance.
     """
+    checkpoints = hooks.checkpoints
+    if checkpoints is None:
+        return _make_frames(scene, sim, controller, open_writer, out, hooks, stage)
+    check_apart({}, {"the output": animation_files(out), "the checkpoint": [checkpoints.path]})
+    with Lock(checkpoints.path):
+        clear_hidden(through_links(checkpoints.path))
+        return _make_frames(scene, sim, controller, open_writer, out, hooks, stage)
+
+
+def _make_frames(
+    scene: Scene,
+    sim: Simulation,
+    controller: Controller,
+    open_writer: Callable[[int | None, Identity], Writer],
+    out: Path,
+    hooks: Hooks,
+    stage: str,
+) -> RunStats:
+    began = time.perf_counter()
     made_by = provenance(scene, sim.model)
     checkpoints = hooks.checkpoints
-    if checkpoints and checkpoints.path.absolute() == out.absolute():
-        raise InputError(f"checkpoint and output are the same file {out}: name another")
+    identity = Identity.of(sim.model, sim.settings, controller.script, stage)
     for warning in sim.check():
         hooks.on_warning(warning)
     now = measure(sim)
-    progress = _Progress(0, now.energy, now.energy, now.max_stretch, now.residual, sim.unconverged)
+    progress = Progress(0, now.energy, now.energy, now.max_stretch, now.residual, sim.unconverged)
     compile_seconds = sim.compile_seconds
     if checkpoints and checkpoints.resume:
         extra = Checkpoint.read(checkpoints.path).extra
-        if not {"controller", "progress"} <= extra.keys():
+        if not {"controller", "progress", "run"} <= extra.keys():
             raise InputError(f"checkpoint {checkpoints.path} was not left by a run: go on from it with Simulation.load")
+        identity.refuse_other(extra["run"], f"checkpoint {checkpoints.path}", ("drags", "stage"))
         sim = controller.resume(extra["controller"], sim)
         sim.restore(checkpoints.path)
-        progress = _Progress(**extra["progress"])
+        identity.refuse_other(extra["run"], f"checkpoint {checkpoints.path}")
+        progress = Progress.of(extra["progress"])
+        if progress.frames != sim.frame + 1:
+            raise InputError(f"checkpoint {checkpoints.path} is of two different frames: start from the beginning")
         if progress.frames >= scene.frames:
             raise InputError(
                 f"checkpoint {checkpoints.path} is of frame {progress.frames}, and {scene.frames} were asked for"
             )
-    writer = open_writer(progress.frames or None)
+    writer = open_writer(progress.frames or None, identity)
     with report_saved_frames(writer), writer:
         motion = play(sim, controller, scene.frames)
         for frame in range(progress.frames, scene.frames):
@@ -222,7 +203,8 @@ def make_frames(
             hooks.on_frame(progress.frames)
             if checkpoints and progress.frames % checkpoints.every == 0 and progress.frames < scene.frames:
                 writer.flush()  # first, so that the file has every frame up to the checkpoint
-                sim.save(checkpoints.path, {"controller": controller.memory, "progress": vars(progress)})
+                state = {"controller": controller.memory, "progress": vars(progress), "run": identity.to_json()}
+                sim.save(checkpoints.path, state)
     made_by.pop("version")
     return RunStats(
         **made_by,
@@ -237,7 +219,10 @@ def make_frames(
         constraints=sim.model.constraint_count,
         out=str(out),
         unconverged=progress.unconverged,
+        stretched_frames=progress.stretched_frames,
         retried=sim.retried,
+        wall_s=time.perf_counter() - began + compile_seconds,
+        real_time_factor=(scene.frames - 1) / scene.fps / progress.wall if progress.wall else None,
     )
 
 
@@ -247,7 +232,7 @@ def report_saved_frames(writer: Writer) -> Iterator[None]:
     try:
         yield
     except (SimulationFailed, KeyboardInterrupt) as error:
-        kept = f"; the {writer.frames} frames so far are in {writer.saved}" if writer.saved else ""
+        kept = f"the {writer.frames} frames so far are in {writer.saved}" if writer.saved else ""
         if isinstance(error, KeyboardInterrupt):
-            raise Interrupted(f"interrupted{kept}") from error
-        raise SimulationFailed(f"{error}{kept}") from error
+            raise Interrupted("interrupted", kept=kept) from error
+        raise error.keeping(kept) from error

@@ -19,7 +19,7 @@ import pbd_warp.scenes
 from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.model.builder import ModelBuilder
-from pbd_warp.settings import Settings
+from pbd_warp.settings import Settings, frame_length
 
 
 @dataclass(frozen=True, init=False)
@@ -59,7 +59,7 @@ class Scene:
         **changes: Any,
     ):
         if fps is not None:
-            changes["dt"] = 1.0 / check.number("fps", fps, above=0.0)
+            changes["dt"] = frame_length("fps", fps)
         values = {
             "builder": builder,
             "frames": frames,
@@ -96,6 +96,18 @@ def scene_summary(name: str) -> str:
     return (_builtin(name).__doc__ or "").strip().splitlines()[0]
 
 
+def scene_parameters(name: str) -> dict[str, Any]:
+    """The parameters of a scene that can be set, each with its default; by the scene's name, or from a file of the
+    user's own."""
+    return _defaults(getattr(_module(name), "scene", None))
+
+
+def scene_text(name: str) -> str:
+    """What a scene says of its parameters: the docstring of its function, in one line."""
+    build = getattr(_module(name), "scene", None)
+    return " ".join((inspect.getdoc(build) or "").split()) if callable(build) else ""
+
+
 def references() -> ModuleType:
     """pbd_warp.accuracy.references, for the scenes that need it; it needs SciPy."""
     try:
@@ -111,8 +123,7 @@ def load_scene(name: str, seed: int | None = None, parameters: Mapping[str, str]
         seed: For scenes with something random in them (those whose `scene` takes a seed).
         parameters: Values, as text, of other parameters that the scene's function takes.
     """
-    module = _from_file(Path(name)) if name.endswith(".py") else _builtin(name)
-    build = getattr(module, "scene", None)
+    build = getattr(_module(name), "scene", None)
     if not callable(build):
         raise InputError(f"scene {name} has no function scene(); it should return a pbd_warp.Scene")
     options = _parse_parameters(name, build, parameters or {})
@@ -133,7 +144,7 @@ def load_scene(name: str, seed: int | None = None, parameters: Mapping[str, str]
 
 def _parse_parameters(name: str, build: Callable[..., Any], parameters: Mapping[str, str]) -> dict[str, Any]:
     """Each text as the type that the parameter's default has."""
-    known = {key: p.default for key, p in inspect.signature(build).parameters.items() if p.default is not p.empty}
+    known = _defaults(build)
     options: dict[str, Any] = {}
     for key, text in parameters.items():
         if key not in known:
@@ -143,10 +154,25 @@ def _parse_parameters(name: str, build: Callable[..., Any], parameters: Mapping[
                 else InputError(f"scene {name} has no parameters")
             )
         try:
-            options[key] = type(known[key])(text)
-        except ValueError:
+            options[key] = _switch(text) if isinstance(known[key], bool) else type(known[key])(text)
+        except (TypeError, ValueError):
             raise InputError(f"parameter {key} of scene {name} must be like {known[key]!r}, not {text!r}") from None
     return options
+
+
+def _defaults(build: Any) -> dict[str, Any]:
+    """The parameters of a function that have a default, with it."""
+    if not callable(build):
+        return {}
+    return {key: p.default for key, p in inspect.signature(build).parameters.items() if p.default is not p.empty}
+
+
+def _switch(text: str) -> bool:
+    return {"true": True, "false": False}[text.lower()] if text.lower() in ("true", "false") else bool(int(text))
+
+
+def _module(name: str) -> ModuleType:
+    return _from_file(Path(name)) if name.endswith(".py") else _builtin(name)
 
 
 def _builtin(name: str) -> ModuleType:

@@ -14,6 +14,13 @@ from pbd_warp.step.divergence import Limits
 from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, GaussSeidel, Jacobi, Method
 
+SHORTEST, LONGEST = 1e-9, 1e6
+"""Of a frame [s]: what single precision can still count in."""
+
+MOST_SUBSTEPS = 1_000_000
+MOST_CONTACTS = 1 << 28
+"""Far beyond what is of use, and below where counting in 32 bits ends."""
+
 AUTO = "auto"
 """Of substeps: as many as `error` asks for."""
 
@@ -49,6 +56,9 @@ class Settings:
         every kernel from Python.
     stiffness: Of all distances, 0..1, instead of the model's own; None: as the model has them.
     gravity: [m/s^2], instead of the model's own; None: as the model has it.
+    grab_acceleration: A grabbed particle is pulled with at most this force, over the mass of all that it is joined
+        to [m/s^2], so that walls, contacts and lengths win. None: it is exactly where it is told.
+    grab_speed: What is pulled follows no faster [m/s].
 
     Raises:
         InputError: a value outside its range, or a name that is unknown.
@@ -67,19 +77,21 @@ class Settings:
     capture: bool = True
     stiffness: float | None = None
     gravity: tuple[float, float, float] | None = None
+    grab_acceleration: float | None = None
+    grab_speed: float = 10.0
 
     def __post_init__(self) -> None:
         def put(name: str, value: Any) -> None:
             object.__setattr__(self, name, value)
 
-        put("dt", check.number("dt", self.dt, above=0.0))
+        put("dt", check.number("dt", self.dt, low=SHORTEST, high=LONGEST))
         put("method", _method(self.method))
         if self.integrator not in (*INTEGRATORS, *EXPLICIT):
             raise unknown("integrator", self.integrator, (*INTEGRATORS, *EXPLICIT))
         self._put_steps(put)
         put("damping", check.number("damping", self.damping, low=0.0, high=1.0))
         if self.max_contacts is not None:
-            put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1))
+            put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1, high=MOST_CONTACTS))
         if self.depenetration_speed is not None:
             put("depenetration_speed", check.number("depenetration_speed", self.depenetration_speed, above=0.0))
         if not isinstance(self.limits, Limits):
@@ -90,11 +102,14 @@ class Settings:
             put("stiffness", check.number("stiffness", self.stiffness, low=0.0, high=1.0))
         if self.gravity is not None:
             put("gravity", tuple(check.vector("gravity", self.gravity).tolist()))
+        if self.grab_acceleration is not None:
+            put("grab_acceleration", check.number("grab_acceleration", self.grab_acceleration, above=0.0))
+        put("grab_speed", check.number("grab_speed", self.grab_speed, above=0.0))
 
     def _put_steps(self, put: Callable[[str, Any], None]) -> None:
         """Whether substeps, error, integrator and method go together."""
         if not isinstance(self.substeps, str):
-            put("substeps", check.whole("substeps", self.substeps, low=1))
+            put("substeps", check.whole("substeps", self.substeps, low=1, high=MOST_SUBSTEPS))
             if self.error is not None:
                 raise InputError("error is what substeps='auto' keeps: say so, or leave error out")
         elif self.substeps != AUTO:
@@ -117,7 +132,7 @@ class Settings:
         return self.substeps == AUTO
 
     @property
-    def whole_substeps(self) -> int:
+    def steps_a_frame(self) -> int:
         """Steps in a frame; 1, the least, where they are "auto"."""
         return 1 if isinstance(self.substeps, str) else self.substeps
 
@@ -129,7 +144,7 @@ class Settings:
     @property
     def step_dt(self) -> float:
         """Length of a step [s], the longest where they are "auto"."""
-        return self.dt / self.whole_substeps
+        return self.dt / self.steps_a_frame
 
     def changed(self, **changes: Any) -> Settings:
         """These settings with others in their place. What another integrator does not take is left out unless it is
@@ -189,8 +204,8 @@ class Settings:
 
     @classmethod
     def from_json(cls, data: Any) -> Settings:
-        """Raises an InputError for what `to_json` would not have written."""
-        if not isinstance(data, Mapping) or sorted(data) != sorted(NAMES):
+        """Raises an InputError for what `to_json` would not have written; what is newer than a file has its default."""
+        if not isinstance(data, Mapping) or not set(NAMES) - set(NEWER) <= set(data) <= set(NAMES):
             raise InputError(f"settings must have {', '.join(NAMES)}")
         values = dict(data)
         options = dict(data["method"]) if isinstance(data["method"], Mapping) else {}
@@ -214,7 +229,14 @@ class Settings:
         return f"{method}integrator {self.integrator!r} and {steps}"
 
 
+def frame_length(name: str, fps: Any) -> float:
+    """dt [s] of so many frames a second; `name` is what they are called in an error."""
+    return 1.0 / check.number(name, fps, low=1.0 / LONGEST, high=1.0 / SHORTEST)
+
+
 NAMES = tuple(field.name for field in fields(Settings))
+NEWER = ("grab_acceleration", "grab_speed")
+"""Settings that older files do not have."""
 
 
 def _method(given: Any) -> Method:

@@ -1,4 +1,4 @@
-"""A model in motion, frame by frame, and everything that one does with it."""
+"""A model in motion, frame by frame, and everything that one does with it; readings.py is what one reads off it."""
 
 from __future__ import annotations
 
@@ -11,18 +11,23 @@ import warp as wp
 from numpy.typing import ArrayLike
 
 from pbd_warp import retry
+from pbd_warp.built import BuiltForSettings
 from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import SimulationFailed
-from pbd_warp.failure import Failure, describe, describe_copies
+from pbd_warp.failure import Failure, failed, failed_copies
 from pbd_warp.loop import Loop
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
+from pbd_warp.player.playable import Playable
 from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
+from pbd_warp.readings import Readings
 from pbd_warp.settings import Settings
-from pbd_warp.step.kinematic import KinematicParticles
+from pbd_warp.step.launch import not_while_recording
+from pbd_warp.step.moved import MovedParticles
 
 
-class Simulation:
+@not_while_recording("__init__", "reset", "restore", "continue_with", "grab", "move_to", "release", "lead", "_retry")
+class Simulation(BuiltForSettings, Readings, Playable):
     """Runs a model, frame by frame.
 
     Args:
@@ -54,7 +59,7 @@ class Simulation:
         self.failures: dict[int, str] = {}
         self._loop = Loop(model, settings)
         self._context = self._loop.context
-        self._kinematic = KinematicParticles(self._context, settings.dt)
+        self._moved = MovedParticles(self._context, settings.dt, self._loop.pull)
         self.state = self._context.state
         self._spares: dict[str, Simulation] = {}
 
@@ -65,7 +70,7 @@ class Simulation:
             SimulationFailed: the frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
                 were more contacts than room for them; or no copy of a replicated model is left (see `failures`).
         """
-        self._kinematic.begin_frame(self.frame)
+        self._moved.begin_frame(self.frame)
         self._loop.make_frame()
         self.frame += 1
         if copies := self._loop.find_failed_copies():
@@ -75,16 +80,16 @@ class Simulation:
         if failure is None:
             return
         if failure[0] == "contacts":  # which no retry would help
-            raise SimulationFailed(f"{self._when}: {describe(self._snapshot(), failure)}")
+            raise failed(self._when, self._snapshot(), failure)
         if not self._retry():
-            sentence = describe(self._snapshot(), failure)
+            error = failed(self._when, self._snapshot(), failure, retry.tried(self.settings))
             self._loop.monitor.restart()  # the next frame, of a state that was put right, is judged by itself
-            raise SimulationFailed(f"{self._when}: {sentence}{retry.tried(self.settings)}")
+            raise error
         self.retried += 1
 
     def reset(self) -> None:
         """Back to the initial state: what comes then is what came the first time."""
-        self._kinematic.reset()
+        self._moved.reset()
         self._context.w.assign(self.model.w)
         self.failures = {}
         self.state.x.assign(self.model.x)
@@ -107,17 +112,9 @@ class Simulation:
         return other
 
     def save(self, path: str | Path, extra: Mapping[str, Any] | None = None) -> None:
-        """Write a checkpoint; the file appears when it is complete.
-
-        Args:
-            extra: What the caller wants to find there again; anything that JSON can hold.
-
-        Raises:
-            InputError: the folder does not exist or cannot be written to.
-            SimulationFailed: the disk is full, or failed otherwise; an older file of that name is still there.
-        """
+        """Write a checkpoint; see `Checkpoint.write`. extra: What the caller wants to find there again, as JSON."""
         arrays = {name: array.numpy() for name, array in self._context.arrays.items()}
-        progress = {"frame": self.frame, "retried": self.retried, "kinematic": self._kinematic.memory}
+        progress = {"frame": self.frame, "retried": self.retried, "moved": self._moved.memory}
         progress["failures"] = list(self.failures.items())
         Checkpoint(self._given_model, self.settings, progress, arrays, dict(extra or {})).write(path)
 
@@ -159,11 +156,6 @@ class Simulation:
         return self.frame * self.settings.dt
 
     @property
-    def compile_seconds(self) -> float:
-        """What loading (and at first use compiling) the kernels took."""
-        return self._loop.compile_seconds
-
-    @property
     def dt(self) -> float:
         """Length of a frame [s]."""
         return self.settings.dt
@@ -179,75 +171,34 @@ class Simulation:
         return self._context.point_target
 
     @property
-    def contact_pairs(self) -> np.ndarray:
-        """Of the last step, int [contact_count, 2]: two particles, or a particle and -1 - its collider."""
-        contacts = self._loop.contacts
-        if not contacts:
-            return np.zeros((0, 2), np.int32)
-        return contacts.pair.numpy()[: int(contacts.count.numpy()[0])]
-
-    @property
-    def iterations_used(self) -> int:
-        """Iterations of all steps of the last frame (with `Direct`, of all paths too)."""
-        return self._loop.iterations_used
-
-    @property
-    def substeps_used(self) -> int:
-        """Steps of the last frame; with "auto" those of the piece that took most, with what was thrown away."""
-        return self._loop.steps_used
-
-    @property
-    def unconverged(self) -> int | None:
-        """Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None without one."""
-        return self._loop.unconverged
-
-    @property
-    def passes(self) -> list[str]:
-        """What one step (substep) launches, in order."""
-        with self._context.launch.dry_run() as trace:
-            self._loop.run_step()
-        return [name for name, _ in trace]
-
-    @property
-    def launches(self) -> int:
-        """Launches in a frame: its steps, and the search for divergence at its end."""
-        with self._context.launch.dry_run() as trace:
-            self._loop.run_frame()
-        return len(trace)
-
-    @property
-    def memory(self) -> dict[str, int]:
-        """Bytes on the device, by the name of each array."""
-        return {name: array.capacity for name, array in self._context.arrays.items()}
-
-    @property
     def held(self) -> int | None:
         """The grabbed particle, None for none."""
-        return self._kinematic.held
+        return self._moved.held
 
     @property
     def held_target(self) -> np.ndarray | None:
         """Where the grabbed particle is led to [m], float64 [3]; None without one."""
-        return None if self.held is None else self._kinematic.held_target.copy()
+        return self._moved.held_target
 
     def grab(self, particle: int) -> None:
-        """Take hold of a particle: it stays where it is, whatever pulls at it, until `move_to` or `release`."""
-        self._kinematic.grab(particle)
+        """Take hold of a particle: it stays where it is until `move_to` or `release`, whatever pulls at it; with
+        `grab_acceleration`, unless that is stronger."""
+        self._moved.grab(particle)
         self._loop.forget_steps()
 
     def move_to(self, position: ArrayLike) -> None:
-        """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over the substeps, to
-        round-off."""
-        self._kinematic.move_held(self.frame, position)
+        """Where the grabbed particle is at the end of the next frame [m]; it gets there evenly over its steps, to
+        round-off. With `grab_acceleration`: where it is pulled to."""
+        self._moved.move_held(self.frame, position)
 
     def release(self) -> None:
         """Let go. A free particle keeps the velocity it was moved with; a fixed one stays where it is."""
         if self.held is not None:
-            self._kinematic.release()
+            self._moved.release()
             self._loop.forget_steps()
 
     def lead(self, particles: ArrayLike, positions: ArrayLike) -> None:
-        """Where fixed particles are at the end of the next frame; they get there evenly over the substeps, to
+        """Where fixed particles are at the end of the next frame; they get there evenly over its steps, to
         round-off, and rest there unless they are led on.
 
         Args:
@@ -257,7 +208,7 @@ class Simulation:
         Raises:
             InputError: a particle that is not fixed (grab those), or not as many positions as particles.
         """
-        self._kinematic.move_fixed(self.frame, particles, positions)
+        self._moved.move_fixed(self.frame, particles, positions)
 
     def __repr__(self) -> str:
         return f"Simulation({self.model!r}, frame {self.frame} of {self.dt:g} s, {self.settings})"
@@ -284,8 +235,7 @@ class Simulation:
         return False
 
     def _note_failed(self, copies: Mapping[int, Failure]) -> None:
-        sentences = describe_copies(self._snapshot(), copies)
-        self.failures |= {k: f"{self._when}: {sentence}" for k, sentence in sentences.items()}
+        self.failures |= failed_copies(self._when, self._snapshot(), copies)
         self._loop.lay_to_rest(list(copies))
         if len(self.failures) == self.model.copy_count:
             raise SimulationFailed(f"all {self.model.copy_count} copies have diverged, copy 0 in {self.failures[0]}")
@@ -300,19 +250,19 @@ class Simulation:
             wp.copy(mine.point_target, theirs.point_target)
         if self._loop.counters is not None and other._loop.counters is not None:
             wp.copy(self._loop.counters, other._loop.counters)
-        self._kinematic.restore(other._kinematic.memory)
+        self._moved.take_over(other._moved)
         self.frame, self.failures = other.frame, dict(other.failures)
         self._loop.restart()
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
-        checkpoint.fill(self._context.arrays, path)
+        memory = self._moved.checked(checkpoint.progress.get("moved"))
+        checkpoint.fill(self._context.arrays, self._context.fixed, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
         self.failures = dict(checkpoint.progress["failures"])
-        self._kinematic.restore(checkpoint.progress["kinematic"])
+        self._moved.restore(memory)
 
     def _snapshot(self) -> Snapshot:
         x, v, w = (array.numpy().astype(np.float64) for array in (self.state.x, self.state.v, self._context.w))
-        if self.held is not None:
-            x[self.held] = self._kinematic.held_target
+        self._moved.where_held(x)
         target = np.zeros((0, 3)) if self.point_target is None else self.point_target.numpy().astype(np.float64)
         return Snapshot(self.model, self.settings, x, v, w, target)

@@ -8,6 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from pbd_warp.atomic import replacing
 from pbd_warp.errors import InputError
 
 NOUNS = {str: "text", int: "a whole number", float: "a number"}
@@ -38,7 +39,12 @@ class TableRow:
 
 
 def save_table(what: str, columns: Iterable[str], rows: Iterable[TableRow], info: Mapping[str, str], path: Any) -> None:
-    """Write rows as CSV, the info as leading lines `# key: value`. `what` the table is called in errors."""
+    """Write rows as CSV, the info as leading lines `# key: value`. `what` the table is called in errors.
+
+    Raises:
+        InputError: what would not come back as it is.
+        SimulationFailed: the file could not be written.
+    """
     rows = list(rows)
     for key, value in info.items():
         if ":" in key or key != key.strip() or any(mark in key + value for mark in "\r\n"):
@@ -46,7 +52,7 @@ def save_table(what: str, columns: Iterable[str], rows: Iterable[TableRow], info
     for row in rows:
         if any(mark in cell for cell in row.cells() for mark in "\r\n"):
             raise InputError(f"{what}'s row must fit one line, and that of {row.cells()[0]!r} does not")
-    with open(path, "w", newline="", encoding="utf-8") as file:
+    with replacing(Path(path)) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
         file.writelines(f"# {key}: {value}\n" for key, value in info.items())
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)

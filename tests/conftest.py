@@ -13,6 +13,7 @@ wp.config.log_level = wp.LOG_ERROR
 
 
 def pytest_addoption(parser):
+    parser.addoption("--long", action="store_true", help="all of the campaign of faults, not a part of it")
     parser.addoption(
         "--pictures", metavar="FOLDER", help="keep there the pictures that the tests of the live view make"
     )

@@ -11,8 +11,10 @@ from frames import animate, assert_holds, names, values, write
 from pxr import Sdf, Usd, UsdGeom
 
 import pbd_warp as pbd
+from pbd_warp.identity import Identity
 from pbd_warp.usd import merge
-from pbd_warp.usd.animation import CHUNK, Animation
+from pbd_warp.usd.animation import Animation
+from pbd_warp.usd.chunks import CHUNK
 
 SUFFIXES = (".usda", ".usdc", ".usd")
 
@@ -30,10 +32,10 @@ def interrupt(animation, frames):
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_every_chunk_is_on_disk_and_in_the_unfinished_stage(tmp_path, suffix):
     animation = write(animate(tmp_path / f"a{suffix}"), CHUNK - 1)
-    assert names(tmp_path) == [], "what is shorter than a chunk is in memory"
+    assert names(tmp_path) == [f".a{suffix}.lock"], "what is shorter than a chunk is in memory"
     for frames in range(CHUNK, 3 * CHUNK + 2):
         write(animation, frames)
-        assert names(tmp_path) == [f"a.partial{suffix}", f"a.partial{suffix}.frames"]
+        assert names(tmp_path) == [f".a{suffix}.lock", f"a.partial{suffix}", f"a.partial{suffix}.frames"]
         if frames % CHUNK < 2:
             assert_holds(tmp_path / f"a.partial{suffix}", frames // CHUNK * CHUNK)
     animation.close()
@@ -139,7 +141,7 @@ def test_time_codes_of_any_distance(tmp_path):
 def test_the_merged_file_is_what_usd_writes_of_the_same_layer(tmp_path, suffix, monkeypatch):
     monkeypatch.setattr(merge, "ELEMENTS_AT_ONCE", 100)
     animation = write(animate(tmp_path / f"a{suffix}"), 3 * CHUNK + 1)
-    layer = animation._static()
+    layer = animation._static(3.0 * CHUNK)
     for path, attribute in [("/Set/Ropes.points", 0), ("/Other/Deep/Points.velocities", 1)]:
         for frame in range(3 * CHUNK + 1):
             layer.SetTimeSample(path, float(frame), values(frame)[attribute])
@@ -214,15 +216,110 @@ def test_an_interrupted_run_takes_the_place_of_a_killed_one(tmp_path):
     assert_holds(tmp_path / "a.partial.usdc", 2)
 
 
-def test_going_on_from_the_finished_file_beside_an_older_unfinished_one(tmp_path):
+def test_only_files_of_the_same_run_are_gone_on_from(tmp_path):
     path = tmp_path / "a.usdc"
-    write(animate(path), 3 * CHUNK, lambda frame: 2.0 * frame)  # killed, another motion
-    write(animate(path), 3).close()
-    resumed = animate(path, resume=2)
+    mine, other = (Identity("model", settings, "drags", "") for settings in ("mine", "other"))
+    write(animate(path, identity=other), 3 * CHUNK, lambda frame: 2.0 * frame)  # killed, another motion
+    message = r"a\.partial\.usdc is of another run, as it differs in settings"
+    with pytest.raises(pbd.InputError, match=message):
+        animate(path, resume=2, identity=mine)
+    write(animate(path, identity=mine), 3).close()
+    with pytest.raises(pbd.InputError, match=message + r".*; .*a\.usdc holds 3 frames, fewer than the 4"):
+        animate(path, resume=4, identity=mine)
+    assert Usd.Stage.Open(str(tmp_path / "a.partial.usdc")).GetEndTimeCode() == 6.0 * CHUNK - 2.0, "nothing was lost"
+    resumed = animate(path, resume=2, identity=mine)
     assert_holds(tmp_path / "a.partial.usdc", 2)
     write(resumed, CHUNK + 1).close()
     assert_holds(path, CHUNK + 1)
     assert names(tmp_path) == ["a.usdc"]
+
+
+def test_a_finished_file_does_not_stand_in_for_an_unfinished_one(tmp_path):
+    """However new it is."""
+    path = tmp_path / "a.usdc"
+    mine, other = (Identity("model", settings, "drags", "") for settings in ("mine", "other"))
+    write(animate(path, identity=mine), 2 * CHUNK)
+    write(animate(tmp_path / "b.usdc", identity=other), 2 * CHUNK, lambda frame: 2.0 * frame).close()
+    os.replace(tmp_path / "b.usdc", path)
+    os.utime(path, (2e9, 2e9))
+    write(animate(path, resume=40, identity=mine), 50).close()
+    assert_holds(path, 50)
+
+
+@pytest.mark.parametrize("spoil", ["short", "missing", "damaged", "foreign"])
+def test_frames_end_at_a_gap(tmp_path, spoil):
+    path = tmp_path / "a.usdc"
+    mine, other = (Identity(model, "settings", "drags", "") for model in ("mine", "other"))
+    write(animate(path, identity=mine), 4 * CHUNK)
+    folder = tmp_path / "a.partial.usdc.frames"
+    chunk = folder / "000001.usdc"
+    if spoil == "missing":
+        chunk.unlink()
+    elif spoil == "damaged":
+        chunk.write_bytes(chunk.read_bytes()[:200])
+    elif spoil == "foreign":
+        write(animate(tmp_path / "b.usdc", identity=other), 4 * CHUNK)
+        os.replace(tmp_path / "b.partial.usdc.frames" / "000001.usdc", chunk)
+    else:
+        layer = Sdf.Layer.OpenAsAnonymous(str(chunk))
+        for name in ("/Set/Ropes.points", "/Other/Deep/Points.velocities"):
+            layer.EraseTimeSample(name, CHUNK + 20.0)
+        layer.Export(str(chunk))
+    there = 2 * CHUNK - 1 if spoil == "short" else CHUNK
+    with pytest.raises(pbd.InputError, match=f"holds {there} frames, fewer than the {there + 1} to go on from"):
+        animate(path, resume=there + 1, identity=mine)
+    write(animate(path, resume=CHUNK, identity=mine), 4 * CHUNK).close()
+    assert_holds(path, 4 * CHUNK)
+
+
+def test_files_of_the_users_own_stay_in_the_folder_of_chunks(tmp_path):
+    animation = write(animate(tmp_path / "a.usdc"), CHUNK)
+    own = tmp_path / "a.partial.usdc.frames" / "notes.txt"
+    own.write_text("mine")
+    animation.close()
+    assert own.read_text() == "mine"
+    write(animate(tmp_path / "a.usdc"), CHUNK + 1).close()
+    assert names(tmp_path) == ["a.partial.usdc.frames", "a.usdc"]
+    assert names(own.parent) == ["notes.txt"]
+
+
+@pytest.mark.parametrize("moved", ["folder", "chunks"])
+def test_a_folder_that_is_moved_away_is_noticed(tmp_path, moved):
+    """USD would make it anew."""
+    (tmp_path / "out").mkdir()
+    path = tmp_path / "out" / "a.usdc"
+    animation = write(animate(path), CHUNK + 1)
+    gone = path.parent if moved == "folder" else path.parent / "a.partial.usdc.frames"
+    os.rename(gone, tmp_path / "elsewhere")
+    with pytest.raises(pbd.SimulationFailed, match="was moved or removed during the run") as caught, animation:
+        write(animation, 2 * CHUNK)
+    assert "frames are in" not in str(caught.value), "they are not there"
+    assert not gone.exists()
+    if moved == "folder":
+        assert_holds(tmp_path / "elsewhere" / "a.partial.usdc", CHUNK)
+
+
+@pytest.mark.parametrize("frames", [3, CHUNK])
+def test_a_folder_that_is_moved_away_before_anything_is_written(tmp_path, frames):
+    (tmp_path / "out").mkdir()
+    animation = write(animate(tmp_path / "out" / "a.usdc"), 1)
+    os.rename(tmp_path / "out", tmp_path / "elsewhere")
+    with pytest.raises(pbd.SimulationFailed, match="was moved or removed during the run"), animation:
+        write(animation, frames)
+    assert names(tmp_path) == ["elsewhere"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need a privilege")
+def test_what_a_link_leads_to_is_written(tmp_path):
+    (tmp_path / "store").mkdir()
+    link = tmp_path / "a.usdc"
+    link.symlink_to("store/b.usdc")
+    animation = write(animate(link), CHUNK)
+    assert names(tmp_path / "store") == [".b.usdc.lock", "b.partial.usdc", "b.partial.usdc.frames"]
+    animation.close()
+    assert link.is_symlink()
+    assert names(tmp_path / "store") == ["b.usdc"]
+    assert_holds(link, CHUNK)
 
 
 def test_a_failed_write_may_be_tried_again(tmp_path, monkeypatch):
@@ -243,18 +340,26 @@ def test_a_failed_write_may_be_tried_again(tmp_path, monkeypatch):
     assert_holds(tmp_path / "a.usdc", 3 * CHUNK)
 
 
-@pytest.mark.skipif(os.name == "nt", reason="locks of POSIX")
 def test_two_runs_to_one_path(tmp_path):
+    """The path is reserved from the first check to the last rename."""
     path = tmp_path / "a.usdc"
-    early = animate(path)
-    first = write(animate(path), CHUNK)
-    with pytest.raises(pbd.InputError, match=r"another run is writing to .*a\.partial\.usdc\.frames"):
+    first = animate(path)
+    with pytest.raises(pbd.InputError, match=r"another run is writing to .*a\.usdc"):
         animate(path)
-    with pytest.raises(pbd.SimulationFailed, match="another run is writing"):
-        write(early, CHUNK)
-    assert_holds(tmp_path / "a.partial.usdc", CHUNK)
-    write(first, CHUNK + 1).close()
+    write(first, CHUNK + 1)
+    with pytest.raises(pbd.InputError, match=r"another run is writing to .*a\.usdc"):
+        animate(path, resume=3)
+    first.close()
+    assert names(tmp_path) == ["a.usdc"]
     assert_holds(path, CHUNK + 1)
+    animate(path, resume=3)
+
+
+def test_what_a_killed_write_left_is_removed(tmp_path):
+    for name in (".a.0123abcd.new.usdc", ".a.usdc.lock", ".ab.0123abcd.new.usdc"):
+        (tmp_path / name).write_text("")
+    write(animate(tmp_path / "a.usdc"), 3).close()
+    assert names(tmp_path) == [".ab.0123abcd.new.usdc", "a.usdc"], "the third is another file's"
 
 
 def test_a_disk_that_is_full_at_the_end_keeps_the_chunks_and_says_where(tmp_path, monkeypatch):
@@ -272,7 +377,7 @@ def test_a_disk_that_is_full_at_the_end_keeps_the_chunks_and_says_where(tmp_path
     ):
         animation.close()
     assert animation.saved is None
-    assert names(tmp_path) == ["a.partial.usdc", "a.partial.usdc.frames"]
+    assert names(tmp_path) == [".a.usdc.lock", "a.partial.usdc", "a.partial.usdc.frames"]
     assert_holds(tmp_path / "a.partial.usdc", CHUNK + 5)
     monkeypatch.undo()
     animation.close()

@@ -25,7 +25,7 @@ def test_the_estimated_stretch_is_that_of_the_atlas(name):
     wrong = right = 0
     for row in [row for row in rows if "direct" not in row["panel"]][::4]:
         sweeps, method = int(float(row["y"])), pbd.Jacobi if "jacobi" in row["panel"] else pbd.GaussSeidel
-        iterations, substeps = (1, sweeps) if "substeps" in row["panel"] else (sweeps, 1)
+        iterations, substeps = (1, sweeps) if "steps of 1" in row["panel"] else (sweeps, 1)
         scene = SCENES[name](float(row["x"])).changed(method=method(iterations), substeps=substeps, integrator="pbd")
         sim = pbd.Simulation(scene.builder.finalize(), scene.settings)
         severity = max(c.severity for c in preflight(sim._snapshot()) if c.test in SCENES)

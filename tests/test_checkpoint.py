@@ -1,14 +1,19 @@
 """A simulation from a checkpoint goes on as if it had never stopped; what is no checkpoint is refused."""
 
 import json
+import os
+import subprocess
+import sys
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
-from models import crowd_model, rope_model
+from models import crowd_model, rope_model, state
 
 import pbd_warp as pbd
 from pbd_warp import checkpoint
+from pbd_warp.model.flat import flat_arrays
 
 CASES = {
     **{
@@ -26,12 +31,13 @@ CASES = {
     "soft": (lambda **kw: rope_model(stiffness=0.5, **kw), {"method": pbd.Jacobi(5), "damping": 0.1}),
     "contacts": (lambda **kw: crowd_model(np.random.default_rng(7), **kw), {"depenetration_speed": 2.0}),
     "subdivide": (rope_model, {"method": pbd.Direct(7), "on_failure": "subdivide", "limits": pbd.Limits(5.0, 100.0)}),
+    "explicit": (lambda **kw: rope_model(pinned=(), **kw), {"integrator": "dop853"}),
     "uncaptured": (rope_model, {"capture": False}),
 }
 
 
 def go_on(sim, first, last):
-    """Frames first+1 .. last, with a hand from the third to the eighth."""
+    """Frames first+1 .. last, held from the third to the eighth."""
     frames = []
     for frame in range(first, last):
         if frame == 2:
@@ -52,7 +58,7 @@ def test_a_resumed_simulation_is_the_same_to_the_last_bit(tmp_path, case, dtype)
     model = make(dtype=dtype)
     sim = pbd.Simulation(model, substeps=2, **settings)
     whole = []
-    for stop in (1, 5, 9):  # before, in and after the hand
+    for stop in (1, 5, 9):  # before, while and after it is held
         whole += go_on(sim, len(whole), stop)
         sim.save(tmp_path / f"{stop}.npz")
     whole += go_on(sim, 9, 12)
@@ -80,7 +86,7 @@ def test_what_a_model_is_survives(tmp_path):
     model = crowd_model(np.random.default_rng(3))
     pbd.Simulation(model, method=pbd.Jacobi(3)).save(tmp_path / "c.npz")
     again = pbd.Simulation.load(tmp_path / "c.npz").model
-    for (name, a), (other, b) in zip(checkpoint._flat(model), checkpoint._flat(again), strict=True):
+    for (name, a), (other, b) in zip(flat_arrays(model), flat_arrays(again), strict=True):
         assert name == other
         np.testing.assert_array_equal(a, b, err_msg=name)
         assert a.dtype == b.dtype
@@ -90,10 +96,10 @@ def test_what_a_model_is_survives(tmp_path):
 def test_restore_gives_back_what_the_caller_added(tmp_path):
     sim = pbd.Simulation(rope_model())
     sim.step()
-    checkpoint.save(sim, tmp_path / "c.npz", {"worst": 0.1, "drag": [1, None]})
+    sim.save(tmp_path / "c.npz", {"worst": 0.1, "drag": [1, None]})
     other = pbd.Simulation(rope_model())
-    checkpoint.restore(other, tmp_path / "c.npz")
-    assert checkpoint.extra_of(tmp_path / "c.npz") == {"worst": 0.1, "drag": [1, None]}
+    other.restore(tmp_path / "c.npz")
+    assert checkpoint.Checkpoint.read(tmp_path / "c.npz").extra == {"worst": 0.1, "drag": [1, None]}
     assert other.frame == 1
     np.testing.assert_array_equal(other.state.x.numpy(), sim.state.x.numpy())
 
@@ -113,7 +119,7 @@ def test_a_checkpoint_of_something_else_is_refused(tmp_path, model, settings, me
     pbd.Simulation(rope_model(6)).save(tmp_path / "c.npz")
     sim = pbd.Simulation(model, **settings)
     with pytest.raises(pbd.InputError) as caught:
-        checkpoint.restore(sim, tmp_path / "c.npz")
+        sim.restore(tmp_path / "c.npz")
     assert message in str(caught.value)
     assert sim.frame == 0
 
@@ -172,7 +178,7 @@ def test_an_older_file_is_refused(tmp_path):
     header = json.loads(members["header"].tobytes())
     members["header"] = np.frombuffer(json.dumps({**header, "version": 0}).encode(), np.uint8)
     np.savez(path, **members)
-    with pytest.raises(pbd.InputError, match=r"has format version 0 .* reads version 1"):
+    with pytest.raises(pbd.InputError, match=r"has format version 0 .* reads version 2"):
         pbd.Simulation.load(path)
 
 
@@ -235,3 +241,131 @@ def test_no_damage_ends_in_a_traceback(tmp_path):
         except pbd.InputError:
             refused += 1
     assert refused > 100
+
+
+def rewritten(path, change):
+    """The file with another header or other members: what no damage makes, but somebody could."""
+    with np.load(path) as archive:
+        members = {name: archive[name] for name in archive.files}
+    header = json.loads(members["header"].tobytes())
+    change(header, members)
+    members["header"] = np.frombuffer(json.dumps(header).encode(), np.uint8)
+    np.savez(path, **members)
+
+
+def put(name, index, value):
+    def change(header, members):
+        members[name] = members[name].copy()
+        members[name][index] = value
+
+    return change
+
+
+def header_with(*keys, value):
+    def change(header, members):
+        table = header
+        for key in keys[:-1]:
+            table = table[key]
+        table[keys[-1]] = value
+
+    return change
+
+
+CRAFTED = {
+    "an edge of no particle": put("model/distance.edge", (1, 0), 1000),
+    "an edge before the first particle": put("model/distance.edge", (1, 0), -1),
+    "an edge of one particle": put("model/distance.edge", 1, 2),
+    "a position that is not finite": put("model/x", (1, 0), np.nan),
+    "a negative inverse mass": put("model/w", 1, -1.0),
+    "a rope along no particle": put("model/ropes", 2, 77),
+    "ropes that are too long": put("model/rope_lengths", 0, 7),
+    "another component": put("model/component", 2, 5),
+    "a stiffness above 1": put("model/distance.stiffness", 0, 1.5),
+    "a device edge of no particle": put("array/distance.edge", (0, 0), 1 << 30),
+    "a device state that is not finite": put("array/x", (0, 0), np.inf),
+    "another precision": lambda header, members: members.update({"array/v": members["array/v"].astype(np.float32)}),
+    "another shape": lambda header, members: members.update({"array/u": members["array/u"][:-1]}),
+    "a member that is text": lambda header, members: members.update({"array/u": np.array(["x"])}),
+    "frame -1": header_with("progress", "frame", value=-1),
+    "frame 1e300": header_with("progress", "frame", value=1e300),
+    "no progress": header_with("progress", value=[]),
+    "no kinematic": header_with("progress", "moved", "kinematic", value=None),
+    "a held particle of none": header_with("progress", "moved", "kinematic", "held", value=99),
+    "a target in two dimensions": header_with("progress", "moved", "kinematic", "held_target", value=[0, 1]),
+    "paths of no particle": header_with("progress", "moved", "kinematic", "paths", value=[[0, [99]], [None, []]]),
+    "one path": header_with("progress", "moved", "kinematic", "paths", value=[[0, []]]),
+    "substeps that overflow": header_with("settings", "substeps", value=1 << 31),
+    "a setting of another type": header_with("settings", "limits", value=3),
+    "extra that is no table": header_with("extra", value=3),
+    "a dtype of none": header_with("dtype", value="float16"),
+    "a dtype that is no text": header_with("dtype", value=[]),
+    "a version that is no number": header_with("version", value={"a": 1}),
+}
+
+
+@pytest.mark.parametrize("what", CRAFTED)
+def test_a_crafted_file_is_refused(tmp_path, what):
+    path = tmp_path / "c.npz"
+    sim = pbd.Simulation(rope_model())
+    sim.step()
+    sim.save(path)
+    rewritten(path, CRAFTED[what])
+    with pytest.raises(pbd.InputError):
+        pbd.Simulation.load(path)
+    before = state(sim)
+    with pytest.raises(pbd.InputError):
+        sim.restore(path)
+    np.testing.assert_array_equal(before, state(sim))
+
+
+INTEGERS = """
+import sys
+import numpy as np
+import pbd_warp as pbd
+from models import crowd_model, rope_model, state
+from test_checkpoint import put, rewritten
+
+cases = [(rope_model(), {"method": pbd.Direct(7, tolerance=1e-6)}), (rope_model(), {"integrator": "bdf2"}),
+         (rope_model(pinned=()), {"integrator": "dop853"}), (crowd_model(np.random.default_rng(3)), {})]
+for model, settings in cases:
+    sim = pbd.Simulation(model, **settings)
+    sim.step()
+    names = [name for name, array in sim._context.arrays.items() if array.numpy().dtype.kind in "iu" and array.size]
+    assert names
+    for name in names:
+        for value in (-(1 << 31), -1, 1 << 20, (1 << 31) - 1):
+            sim.save("c.npz")
+            rewritten("c.npz", put(f"array/{name}", slice(None), value))
+            try:
+                other = pbd.Simulation.load("c.npz")
+                other.contact_pairs, other.iterations_used, other.unconverged
+                other.step()
+            except pbd.PbdError:
+                pass
+print("alive")
+"""
+
+
+def test_no_crafted_index_crashes(tmp_path):
+    """Whatever integers a file has for what a simulation goes on with."""
+    paths = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+    result = subprocess.run(
+        [sys.executable, "-c", INTEGERS],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert result.returncode == 0, result.stderr
+    assert "alive" in result.stdout
+
+
+def test_a_state_that_is_not_finite_is_not_kept(tmp_path):
+    sim = pbd.Simulation(rope_model())
+    sim.save(tmp_path / "c.npz")
+    before = (tmp_path / "c.npz").read_bytes()
+    sim.state.x.fill_(np.nan)
+    with pytest.raises(pbd.SimulationFailed, match="not finite"):
+        sim.save(tmp_path / "c.npz")
+    assert (tmp_path / "c.npz").read_bytes() == before

@@ -77,10 +77,8 @@ def direct_steps(model, integrator, steps):
     free = (model.w > 0.0)[:, None]
     part = 0.5 if SCHEMES[integrator] else 1.0
     base = np.where(free, h * v + part * h * h * model.gravity, 0.0)
-    vertex, lam = sim._loop.solver._vertex.numpy(), sim._loop.solver._lam.numpy()
-    assert sorted(vertex) == list(range(len(vertex)))
-    lam = lam[:-1] if vertex[0] == 0 else lam[:-1][::-1]
-    return x, base, part * h * h, sim._context.u.numpy(), lam
+    scale = part * h * h
+    return x, base, scale, sim._context.u.numpy(), -scale * sim._loop.solver.tension()
 
 
 @both_schemes

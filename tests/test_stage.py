@@ -46,10 +46,13 @@ def test_without_gravity_and_motion_the_input_comes_back_exactly(tmp_path, up, d
     paths = rest_of_every_kind(tmp_path / "rest.usda", up=up, metres=0.01)
     stage, _, stats = simulated(tmp_path / "rest.usda", gravity=0.0, dtype=dtype)
     before = Usd.Stage.Open(str(tmp_path / "rest.usda"))
+    # Direct sees in float64 what the lengths were rounded by to float32; coordinates are up to 2.
+    ulps = 4 * EPS if dtype == "float32" else 0.0
     for path in paths:
         for time_code in range(24):
-            np.testing.assert_array_equal(local(stage, path, time_code), local(before, path, 0))
-            np.testing.assert_array_equal(local(stage, path, time_code, "velocities"), 0.0)
+            np.testing.assert_allclose(local(stage, path, time_code), local(before, path, 0), rtol=0, atol=ulps)
+            still = local(stage, path, time_code, "velocities")
+            np.testing.assert_allclose(still, 0.0, rtol=0, atol=ulps * 24 * 16)
     assert stats.max_stretch < 10 * EPS
     assert stats.frames == 24
 
@@ -228,24 +231,9 @@ def test_a_periodic_curve_is_a_loop(tmp_path, basis):
     model = source.scene.builder.finalize()
     assert np.all(np.bincount(model.distance.edge.ravel()) == 2)
     assert len(np.unique(model.component)) == 2
-    assert stats.method == "gauss-seidel", "direct has no loops"
-    assert stats.max_stretch < 0.05
+    assert stats.max_stretch < 1e-4
     assert np.abs(local(result, "/World/C", 23) - local(stage, "/World/C", 0)).max() > 0.3
     assert np.isfinite(local(result, "/World/C", 23)).all()
-
-
-def test_the_default_method_is_direct_where_it_is_sure_of_a_solution(tmp_path):
-    stage = new_stage(tmp_path / "a.usda")
-    add_curves(stage, "/World/Taut", line(5))
-    add_curves(stage, "/World/Slack", wavy(7, closed=False))
-    stage.Save()
-
-    def method(**options):
-        return load_stage(tmp_path / "a.usda", **options).scene.settings.method.name
-
-    assert method() == "direct"
-    assert method(prims=["/World/Slack"], material=Material(pin="ends")) == "direct"
-    assert method(prims=["/World/Taut"], material=Material(pin="ends")) == "gauss-seidel"
 
 
 def test_masses_and_widths(tmp_path):

@@ -4,8 +4,29 @@ import numpy as np
 import pytest
 from pxr import Usd, UsdGeom
 
-import pbd_warp as pbd
-from pbd_warp.curves.basis import LINKS, Fit, Sampling, Topology, control_matrix, varying_matrix
+from pbd_warp.curves.basis import LINKS, BasisKind
+from pbd_warp.curves.fit import Fit
+from pbd_warp.curves.sampling import Sampling, Weights
+
+
+def kind_of(basis, wrap, counts):
+    """Curves whose points are all different."""
+    counts = np.asarray(counts)
+    return BasisKind(basis, wrap, counts, np.arange(3.0 * max(counts.sum(), 0)).reshape(-1, 3))
+
+
+def sampling_of(basis, wrap, counts):
+    return Sampling(kind_of(basis, wrap, counts), np.ones(len(counts), bool))
+
+
+def dense(weights: Weights, n):
+    return weights(np.eye(n))
+
+
+def control_matrix(basis, wrap, n):
+    """What takes the control points of one curve to its simulation points."""
+    return dense(sampling_of(basis, wrap, [n]).points, n)
+
 
 CUBIC = [
     ("bezier", "nonperiodic", 4),
@@ -69,9 +90,9 @@ def test_segments_are_as_many_as_usd_says(basis, wrap, n):
     curves.CreateBasisAttr(basis)
     curves.CreateWrapAttr(wrap)
     curves.CreateCurveVertexCountsAttr([n])
-    topology = Topology(basis, wrap, np.array([n]))
-    assert list(topology.segments) == list(curves.ComputeSegmentCounts(0))
-    assert control_matrix(basis, wrap, n).shape == (topology.sample_counts[0], n)
+    assert list(kind_of(basis, wrap, [n]).segments) == list(curves.ComputeSegmentCounts(0))
+    sampling = sampling_of(basis, wrap, [n])
+    assert sampling.count == LINKS * curves.ComputeSegmentCounts(0)[0] + (wrap != "periodic")
 
 
 @pytest.mark.parametrize(("basis", "wrap", "n"), CUBIC)
@@ -79,7 +100,8 @@ def test_weights_add_up_to_1_and_tell_all_control_points(basis, wrap, n):
     matrix = control_matrix(basis, wrap, n)
     np.testing.assert_allclose(matrix.sum(axis=1), 1.0, atol=1e-14)
     assert np.linalg.cond(matrix) < 100.0
-    np.testing.assert_allclose(varying_matrix(basis, wrap, n).sum(axis=1), 1.0, atol=1e-14)
+    sampling = sampling_of(basis, wrap, [n])
+    np.testing.assert_allclose(sampling.varying.weight.sum(axis=1), 1.0, atol=1e-14)
 
 
 @pytest.mark.parametrize(("basis", "wrap", "n"), [*CUBIC, ("linear", "nonperiodic", 5), ("linear", "periodic", 5)])
@@ -87,11 +109,10 @@ def test_weights_add_up_to_1_and_tell_all_control_points(basis, wrap, n):
 def test_the_fit_gives_back_what_control_points_did(rng, basis, wrap, n, pins):
     """Three curves of one prim, two of them alike; rest, then any motion of their control points."""
     more = n + 3 if basis == "bezier" else n + 1
-    topology = Topology(basis, wrap, np.array([n, more, n]))
-    sampling = Sampling(topology)
+    sampling = sampling_of(basis, wrap, [n, more, n])
     pinned = np.full(sampling.count, pins == "all")
     pinned[0] |= pins == "root"  # of the first curve only: alike in shape, not in pins
-    fit = Fit(topology, pinned)
+    fit = Fit(sampling, pinned)
     np.testing.assert_array_equal(fit(np.zeros((sampling.count, 3))), 0.0)
     moved = rng.normal(size=(2 * n + more, 3))
     np.testing.assert_allclose(fit(sampling.vertex(moved)), moved, atol=1e-8 if pins == "root" else 1e-12)
@@ -101,23 +122,22 @@ def test_the_fit_gives_back_what_control_points_did(rng, basis, wrap, n, pins):
     ("basis", "wrap"), [(b, w) for b in ("bspline", "catmullRom") for w in ("nonperiodic", "pinned")]
 )
 def test_a_fit_goes_through_pinned_points_whatever_the_others_do(rng, basis, wrap):
-    topology = Topology(basis, wrap, np.array([9]))
-    sampling = Sampling(topology)
+    sampling = sampling_of(basis, wrap, [9])
     pinned = np.zeros(sampling.count, bool)
     pinned[[0, 7, -1]] = True
     displacement = rng.normal(size=(sampling.count, 3))
-    fitted = sampling.vertex(Fit(topology, pinned)(displacement))
+    fitted = sampling.vertex(Fit(sampling, pinned)(displacement))
     np.testing.assert_allclose(fitted[pinned], displacement[pinned], atol=1e-9)
-    plain = sampling.vertex(Fit(topology, np.zeros_like(pinned))(displacement))
+    plain = sampling.vertex(Fit(sampling, np.zeros_like(pinned))(displacement))
     assert np.abs(plain - displacement)[pinned].max() > 0.05, "without the pins it would not"
     assert np.sum((plain - displacement) ** 2) < np.sum((fitted - displacement) ** 2), "and be nearer elsewhere"
 
 
 def test_values_go_to_the_simulation_points_by_their_interpolation():
-    sampling = Sampling(Topology("bezier", "nonperiodic", np.array([7, 4])))
+    sampling = sampling_of("bezier", "nonperiodic", [7, 4])
     np.testing.assert_allclose(sampling.varying(np.array([0.0, 3.0, 0.0, 1.0, 4.0])), [0, 1, 2, 3, 2, 1, 0, 1, 2, 3, 4])
     np.testing.assert_array_equal(sampling.uniform(np.array([1.0, 2.0])), [1] * 7 + [2] * 4)
-    loop = Sampling(Topology("bspline", "periodic", np.array([3])))
+    loop = sampling_of("bspline", "periodic", [3])
     np.testing.assert_allclose(loop.varying(np.array([0.0, 3.0, 6.0])), [0, 1, 2, 3, 4, 5, 6, 4, 2])
 
 
@@ -128,11 +148,11 @@ def test_values_go_to_the_simulation_points_by_their_interpolation():
         ("linear", "periodic", 2, "a periodic linear curve needs 3 or more"),
         ("bezier", "nonperiodic", 6, "a nonperiodic bezier curve needs 4, or 3 more, or 6 more"),
         ("bezier", "periodic", 7, "a periodic bezier curve needs 3, or 3 more"),
-        ("bspline", "nonperiodic", 3, "curve 1 has 3 control points; a nonperiodic bspline curve needs 4 or more"),
+        ("bspline", "nonperiodic", 3, "it has 3 control points; a nonperiodic bspline curve needs 4 or more"),
         ("catmullRom", "pinned", 1, "needs 2 or more"),
-        ("bspline", "nonperiodic", -4, "has -4 control points"),
     ],
 )
 def test_numbers_that_make_no_curve(basis, wrap, n, message):
-    with pytest.raises(pbd.InputError, match=message):
-        Topology(basis, wrap, np.array([7 if wrap == "nonperiodic" else 6, n]))
+    faults = kind_of(basis, wrap, [7 if wrap == "nonperiodic" else 6, n]).faults
+    assert list(faults) == [1]
+    assert message in faults[1]

@@ -40,7 +40,8 @@ def test_contents(wheel):
     expected |= {
         f"pbd_warp/accuracy/charts/{p.name}" for p in (ROOT / "pbd_warp" / "accuracy" / "charts").glob("*.csv")
     }
-    expected |= {f"pbd_warp/view/page/{p.name}" for p in (ROOT / "pbd_warp" / "view" / "page").iterdir()}
+    for room in ("player", "view"):
+        expected |= {f"pbd_warp/{room}/page/{p.name}" for p in (ROOT / "pbd_warp" / room / "page").iterdir()}
     assert set(names) == expected | {"pbd_warp/py.typed"}
 
 

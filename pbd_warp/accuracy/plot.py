@@ -8,7 +8,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pbd_warp import check
 from pbd_warp.accuracy.chart import LABEL, Chart, Row, failed, front
 from pbd_warp.accuracy.labels import (
     GREY,
@@ -23,7 +22,9 @@ from pbd_warp.accuracy.labels import (
     write,
     write_beside,
 )
+from pbd_warp.atomic import replacing
 from pbd_warp.errors import InputError
+from pbd_warp.paths import check_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +59,7 @@ def check_picture(path: str | Path) -> str:
         import matplotlib  # noqa: F401
     except ImportError:
         raise InputError("drawing a chart needs matplotlib: pip install 'pbd-warp[chart]'") from None
-    check.folder(Path(path).parent)
+    check_file(Path(path))
     return form
 
 
@@ -93,7 +94,8 @@ def draw(chart: Chart, path: str | Path) -> None:
         title = ", ".join(dict.fromkeys(row.scene for row in chart.rows))
         figure.text(LEFT / WIDTH, 1.0 - 0.3 / height, title, size=13, weight="bold", color=INK)
         _write_below(figure, keys, notes, below / height)
-        figure.savefig(path, format=form, dpi=150, metadata={"Date": None} if form == "svg" else None)
+        with replacing(Path(path)) as temporary:
+            figure.savefig(temporary, format=form, dpi=150, metadata={"Date": None} if form == "svg" else None)
 
 
 def _panel(axes: Axes, rows: Sequence[Row], panel: str, errors: Scale) -> None:

@@ -135,7 +135,7 @@ def _reference(scene: Scene, model: Model, frames: int) -> tuple[np.ndarray, str
     """Positions after the last frame, and a sentence that says where they are from."""
     if scene.reference is not None:
         return scene.reference(frames / scene.fps), scene.reference_text
-    finer = scene.settings.changed(substeps=FINER * scene.settings.whole_substeps)
+    finer = scene.settings.changed(substeps=FINER * scene.settings.steps_a_frame)
     try:
         finer = finer.changed(method=Direct())
         sim = Simulation(model, finer)
@@ -180,7 +180,7 @@ def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, 
         method=scene.settings.method.name,
         integrator=scene.settings.integrator,
         dtype=sim.model.dtype,
-        substeps=scene.settings.whole_substeps,
+        substeps=scene.settings.steps_a_frame,
         iterations=scene.settings.method.iterations,
         wall_ms_per_sim_second=wall,
         wall_spread=(max(walls) - min(walls)) / wall if walls else float("nan"),

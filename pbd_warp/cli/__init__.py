@@ -1,13 +1,16 @@
 """The command line: a command is one file here and one name in the import below."""
 
-import warp as wp
+import os
+import sys
 
 # Each adds itself to the application.
-from pbd_warp.cli import chart, info, list, run, simulate, stability, view  # noqa: F401
+from pbd_warp.cli import chart, info, list, play, run, simulate, stability, view  # noqa: F401
 from pbd_warp.cli.app import app
+from pbd_warp.cli.quiet import start_warp
 
 
 def main() -> None:
     """Entry point of the `pbd-warp` command."""
-    wp.config.log_level = wp.LOG_ERROR  # the banner and compile times of Warp: ours are in the table
+    if "_PBD_WARP_COMPLETE" not in os.environ:  # a shell that asks what may come next
+        start_warp(sys.argv[1:])
     app()

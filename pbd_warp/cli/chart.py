@@ -12,13 +12,15 @@ from pbd_warp.accuracy.chart import best_error, flags, front, load, save
 from pbd_warp.accuracy.chart import pick as pick_row
 from pbd_warp.accuracy.plot import check_picture, draw
 from pbd_warp.accuracy.sweep import Sweep, sweep_scene
-from pbd_warp.cli.app import app
-from pbd_warp.cli.options import Debug, Device, Seed, Set, comma_list, scene_with, whole_list
-from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.cli.app import command
+from pbd_warp.cli.options import Debug, Device, Seed, Set, comma_list, scene_file, scene_with, whole_list
+from pbd_warp.cli.terminal import interruptible, one_sentence, tell
 from pbd_warp.errors import InputError
+from pbd_warp.paths import check_apart, check_file
+from pbd_warp.progress import progress_bar
 
 
-@app.command()
+@command("chart", "chart my_scene.py", "chart rope --methods direct,jacobi --pick 1e-3")
 def chart(
     scene: Annotated[str | None, typer.Argument(metavar="SCENE", help="A scene's name, or your own file.py.")] = None,
     out: Annotated[Path | None, typer.Option(help="SCENE.svg unless given; .svg or .png.")] = None,
@@ -49,6 +51,7 @@ def chart(
         picture = out if out is not None else Path(f"{name}.svg")
         check_picture(picture)
         if from_csv is not None:
+            check_apart({"--from-csv": [from_csv]}, {"--out": [picture]})
             made = load(from_csv)
         else:
             assert scene is not None
@@ -62,16 +65,16 @@ def chart(
             )
             built = scene_with(scene, {"fps": fps} if fps is not None else {}, seed, set_)
             numbers = csv if csv is not None else picture.with_suffix(".csv")
-            check.folder(numbers.parent)
+            check_apart({"the scene": scene_file(scene)}, {"--out": [picture], "--csv": [check_file(numbers)]})
             with progress_bar(f"chart {built.name}") as advance, interruptible() as stop_if_asked:
                 made = sweep_scene(built, sweep, device, lambda done, of: (advance(done, of), stop_if_asked()))
             save(made, numbers)
         draw(made, picture)
-        typer.echo(f"{len(made.rows)} configurations, {len(front(made.rows))} on the front: {picture}")
+        tell(f"{len(made.rows)} configurations, {len(front(made.rows))} on the front: {picture}")
         if pick is not None:
             row = pick_row(made.rows, check.number("--pick", pick, above=0.0))
             if row is None:
                 raise InputError(
                     f"no measured configuration is within {pick:g} m; the best is {best_error(made.rows):.2g} m"
                 )
-            typer.echo(flags(row))
+            tell(flags(row))

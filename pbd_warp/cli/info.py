@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import typer
-
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Debug, Device, Dtype, SceneName, Seed, Set, scene_with, takes_settings
-from pbd_warp.cli.terminal import one_sentence
-from pbd_warp.cost import cost_sheet
+from pbd_warp.cli.terminal import one_sentence, tell, warn
+from pbd_warp.cost import cost_sheet, too_much
 from pbd_warp.simulation import Simulation
 
 
-@app.command()
+@command("info", "info rope", "info chain --set links=50 --method jacobi")
 @takes_settings
 def info(
     scene: SceneName,
@@ -29,5 +27,8 @@ def info(
     with one_sentence(debug):
         built = scene_with(scene, changes, seed, set_)
         model = built.builder.finalize(device=device, dtype=dtype or "float32")
-        typer.echo(f"scene            {built.name}, {model.dtype} on {model.device}, {built.settings.method}")
-        typer.echo(cost_sheet(Simulation(model, built.settings)))
+        sentence = too_much(model, built.settings)
+        if sentence:
+            warn(sentence)
+        sheet = cost_sheet(Simulation(model, built.settings))
+        tell(f"scene            {built.name}, {model.dtype} on {model.device}, {built.settings.method}\n{sheet}")

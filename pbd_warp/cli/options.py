@@ -14,13 +14,21 @@ import typer
 from pbd_warp import check
 from pbd_warp.errors import InputError
 from pbd_warp.scene import Scene, load_scene
-from pbd_warp.settings import Settings
+from pbd_warp.settings import Settings, frame_length
 from pbd_warp.step.methods import METHODS
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A scene's name, or your own file.py.")]
 Frames = Annotated[int | None, typer.Option(help="Frames to write, the initial state included.")]
 Device = Annotated[str | None, typer.Option(help="Warp device; Warp's preferred one unless given.")]
-Dtype = Annotated[str | None, typer.Option(help="float32 (unless given) or float64.")]
+
+
+def _not_empty(value: str | None) -> str | None:
+    if value == "":
+        raise typer.BadParameter("it is empty")
+    return value
+
+
+Dtype = Annotated[str | None, typer.Option(help="float32 (unless given) or float64.", callback=_not_empty)]
 Checkpoint = Annotated[Path | None, typer.Option(help="Leave in this file what is needed to go on.")]
 Every = Annotated[int, typer.Option(help="Frames from checkpoint to checkpoint.")]
 Resume = Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")]
@@ -83,7 +91,7 @@ def changed(settings: Settings, changes: Mapping[str, Any]) -> Settings:
     if str(others.get("substeps", "")).lstrip("-").isdecimal():
         others["substeps"] = int(others["substeps"])
     if "fps" in changes:
-        others["dt"] = 1.0 / check.number("fps", changes["fps"], above=0.0)
+        others["dt"] = frame_length("fps", changes["fps"])
     if "method" in changes or method:
         others["method"] = settings.with_method(changes.get("method"), **method).method
     return settings.changed(**others)
@@ -105,6 +113,11 @@ def scene_with(
     if frames is not None:
         scene = scene.changed(frames=check.whole("frames", frames, low=1))
     return scene.changed(settings=changed(scene.settings, changes))
+
+
+def scene_file(name: str) -> list[Path]:
+    """The user's own file that a scene is read from, if it is one."""
+    return [Path(name)] if name.endswith(".py") else []
 
 
 def comma_list(text: str) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,7 +13,7 @@ from pbd_warp import check
 from pbd_warp.accuracy.chart import CONFIGURATION, Row, best_error, flags, load
 from pbd_warp.accuracy.chart import pick as pick_row
 from pbd_warp.accuracy.sweep import charts_folder
-from pbd_warp.cli.app import app
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import (
     Checkpoint,
     Debug,
@@ -24,22 +25,33 @@ from pbd_warp.cli.options import (
     SceneName,
     Seed,
     Set,
+    scene_file,
     scene_with,
     takes_settings,
 )
-from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.cli.terminal import interruptible, one_sentence, tell, warn
 from pbd_warp.errors import InputError
+from pbd_warp.figures import RunStats
 from pbd_warp.grab.recording import Recording
-from pbd_warp.run import Checkpoints, Hooks, RunStats, run
+from pbd_warp.paths import animation_files, check_apart, check_file
+from pbd_warp.player.motion import EXTENSIONS
+from pbd_warp.player.writer import check_player_path
+from pbd_warp.preflight import PreflightWarning
+from pbd_warp.progress import progress_bar
+from pbd_warp.run import Checkpoints, Hooks, run
 from pbd_warp.scene import Scene
+from pbd_warp.usd.writer import EXTENSIONS as STAGES
 from pbd_warp.usd.writer import check_path
 
 
-@app.command("run")
+@command("run", "run rope --out rope.html", "run chain --set links=50 --out chain.usdc", "run my_scene.py --fps 30")
 @takes_settings
 def run_scene(
     scene: SceneName,
-    out: Annotated[Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc or .usd.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc, .usd; .html, .mp4, .gif to look at.")
+    ] = None,
+    up: Annotated[str, typer.Option(help="Axis that is up in the file: y or z.")] = "y",
     frames: Frames = None,
     device: Device = None,
     dtype: Dtype = None,
@@ -69,7 +81,7 @@ def run_scene(
             row = _pick_for(built, accuracy)
             dtype = row.dtype
             built = built.changed(settings=row.apply(built.settings))
-            typer.echo(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
+            tell(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
         recording = None
         if drags is not None:
             if changes or any(given is not None for given in (dtype, seed, set_ or None, accuracy)):
@@ -77,15 +89,26 @@ def run_scene(
             recording = Recording.load(drags, scene)
             length = recording.frames if frames is None else check.whole("frames", frames, low=1)
             built, dtype = recording.load_scene(scene).changed(frames=length), recording.dtype
-        path = check_path(out if out is not None else Path(f"{built.name}.usda"))
-        if stats is not None:
-            check.folder(stats.parent)
+        path = check_out(out if out is not None else Path(f"{built.name}.usda"))
+        reads = {"the scene": scene_file(scene), "--drags": [drags] if drags is not None else []}
+        check_apart(reads, written(path, checkpoint, stats))
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
-            result = run(built, path, device, dtype or "float32", hooks, recording)
+            hooks = replace(hooks, on_drawn=lambda done, of: (advance(done, of), stop_if_asked()))
+            result = run(built, path, device, dtype or "float32", hooks, recording, up.upper())
         if stats is not None:
             result.save(stats)
-        typer.echo(table(result))
+        tell(table(result))
+
+
+def check_out(out: Path) -> Path:
+    """The path as one that a run can be written to, or an InputError."""
+    if out.suffix in EXTENSIONS:
+        return check_player_path(out)
+    if out.suffix not in STAGES:
+        known = ", ".join((*STAGES, *EXTENSIONS))
+        raise InputError(f"{out} must end in one of {known}, not in {out.suffix or 'nothing'!r}")
+    return check_path(out)
 
 
 def _pick_for(scene: Scene, accuracy: float) -> Row:
@@ -103,29 +126,59 @@ def _pick_for(scene: Scene, accuracy: float) -> Row:
     return row
 
 
+def written(out: Path, checkpoint: Path | None, stats: Path | None) -> dict[str, list[Path]]:
+    """The files that a run writes, by their options.
+
+    Raises:
+        InputError: one that cannot be written.
+    """
+    single = {"--checkpoint": checkpoint, "--stats": stats}
+    return {"--out": animation_files(out)} | {
+        option: [check_file(path)] for option, path in single.items() if path is not None
+    }
+
+
 def hooks_of(checkpoint: Path | None, every: int, resume: bool, on_frame: Callable[[int], object]) -> Hooks:
     """What the command line asks of a run on its way."""
+    check.whole("--every", every, low=1)
     if resume and checkpoint is None:
         raise InputError("--resume goes on from a checkpoint: name it with --checkpoint FILE")
     return Hooks(
         on_frame=on_frame,
-        on_warning=lambda warning: typer.echo(f"pbd-warp: known to fail: {warning}", err=True),
+        on_start=warn,
+        on_warning=foretell,
         checkpoints=Checkpoints(checkpoint, every, resume) if checkpoint is not None else None,
     )
+
+
+def foretell(warning: PreflightWarning) -> None:
+    """Say what is known to fail."""
+    warn(f"known to fail: {warning.text}", f"helps: {warning.remedy} (test: {warning.test})")
+
+
+def pace(stats: RunStats) -> str:
+    """How fast simulated time went by while nothing else was done."""
+    if stats.real_time_factor is None:
+        return "too few to tell the pace"
+    return f"{stats.real_time_factor:.3g} times real time"
 
 
 def table(stats: RunStats) -> str:
     """The closing figures of a run."""
     size = Path(stats.out).stat().st_size
+    lost = stats.energy_end - stats.energy_start
     rows = {
         "scene": f"{stats.scene}, {stats.particles} particles, {stats.constraints} constraints",
-        "frames": f"{stats.frames} at {stats.wall_ms_per_frame:.3f} ms a frame",
+        "frames": f"{stats.frames} at {stats.wall_ms_per_frame:.3f} ms a frame: {pace(stats)}",
+        "wall time": f"{stats.wall_s:.2f} s with compiling, measuring and writing",
         "compile": f"{stats.compile_s:.2f} s",
         "max stretch": f"{100 * stats.max_stretch:.3g} %",
         "max residual": f"{stats.max_residual:.3g} m",
-        "energy": f"{stats.energy_start:.6g} J at the start, {stats.energy_end:.6g} J at the end",
+        "energy": f"{lost:+.4g} J since the start, {stats.energy_end:.4g} J at the end (0: at rest at y = 0)",
         "file": f"{stats.out}, {size / 1024:.0f} KiB",
     }
+    if stats.stretched_frames:
+        rows["stretched"] = f"{stats.stretched_frames} frames in which a link was more than 10 % off its length"
     if stats.unconverged is not None:
         rows["converged"] = f"all but {stats.unconverged} steps" if stats.unconverged else "every step"
     if stats.retried:

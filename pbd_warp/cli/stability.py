@@ -9,10 +9,12 @@ import typer
 
 from pbd_warp import check
 from pbd_warp.accuracy.plot import check_picture
-from pbd_warp.cli.app import app
+from pbd_warp.atomic import write_text
+from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Debug
-from pbd_warp.cli.terminal import interruptible, one_sentence, progress_bar
+from pbd_warp.cli.terminal import interruptible, one_sentence, tell
 from pbd_warp.errors import Interrupted
+from pbd_warp.progress import progress_bar
 from pbd_warp.scene import references
 from pbd_warp.stability.atlas import measure_map, save
 from pbd_warp.stability.draw import draw
@@ -20,7 +22,7 @@ from pbd_warp.stability.maps import choose
 from pbd_warp.stability.page import page
 
 
-@app.command()
+@command("stability", "stability", "stability chain_length --out maps")
 def stability(
     names: Annotated[
         list[str] | None,
@@ -58,5 +60,5 @@ def stability(
             except KeyboardInterrupt:
                 kept = f"; {', '.join(m.map.name for m in atlas)} in {out}" if atlas else ""
                 raise Interrupted(f"interrupted after {len(atlas)} of {len(maps)} maps{kept}") from None
-        (out / "README.md").write_text(page(atlas), encoding="utf-8")
-        typer.echo(f"{len(atlas)} maps, {cells} cells: {out / 'README.md'}")
+        write_text(out / "README.md", page(atlas))
+        tell(f"{len(atlas)} maps, {cells} cells: {out / 'README.md'}")

@@ -2,6 +2,6 @@
 
 from pbd_warp.curves.material import Material
 from pbd_warp.curves.scene import StageScene, load_stage
-from pbd_warp.curves.simulate import simulate
+from pbd_warp.curves.simulate import StageHooks, simulate
 
-__all__ = ["Material", "StageScene", "load_stage", "simulate"]
+__all__ = ["Material", "StageHooks", "StageScene", "load_stage", "simulate"]

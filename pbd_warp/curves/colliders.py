@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from pxr import Usd, UsdGeom
 
-from pbd_warp.curves.material import attribute
-from pbd_warp.curves.reading import Placement
+from pbd_warp.curves.attributes import changes, own_setting
+from pbd_warp.curves.physics import physics_material
+from pbd_warp.curves.placement import Placement
 from pbd_warp.errors import InputError
 from pbd_warp.model.builder import ModelBuilder
 
@@ -17,7 +18,8 @@ UNEVEN = 1e-4
 
 
 def add_collider(builder: ModelBuilder, prim: Usd.Prim, time_codes: np.ndarray, origin: np.ndarray) -> None:
-    """Add a prim to the model, with friction and restitution from pbd:friction and pbd:restitution.
+    """Add a prim to the model, with friction and restitution from pbd:friction and pbd:restitution, or else from its
+    physics material.
 
     A Plane goes on beyond its width and length; curves stay on the side of its axis.
 
@@ -33,28 +35,31 @@ def add_collider(builder: ModelBuilder, prim: Usd.Prim, time_codes: np.ndarray, 
         raise InputError(
             f"{path} is a {prim.GetTypeName()}, which is not supported as a collider: give a Plane or a Sphere"
         )
-    placement = Placement(prim, time_codes)
-    linear, offset = placement.at(float(time_codes[0]))
-    moves = any(
-        not (np.array_equal(linear, now) and np.array_equal(offset, there))
-        for now, there in map(placement.at, map(float, time_codes))
-    )
-    shape = plane.GetAxisAttr() if plane else sphere.GetRadiusAttr()
-    if moves or shape.ValueMightBeTimeVarying():
-        raise InputError(f"{path} changes with time, which is not supported for a collider: leave it out of --collide")
-    options = {name: attribute(prim, name) or 0.0 for name in ("friction", "restitution")}
-    value = shape.Get()
-    if value is None or (plane and value not in AXES):
-        raise InputError(f"{path} has no {shape.GetName()} that makes it a collider, but {value!r}")
     try:
+        placement = Placement(prim, time_codes)
+        shape = plane.GetAxisAttr() if plane else sphere.GetRadiusAttr()
+        if placement.animated or changes(shape, time_codes):
+            raise InputError("it changes with time, which is not supported for a collider: leave it out of --collide")
+        linear, offset = placement.at(float(time_codes[0]))
+        value = shape.Get(float(time_codes[0]))
+        if plane and value not in AXES:
+            raise InputError(f"its axis must be X, Y or Z, not {value!r}")
+        surface = _surface(prim, time_codes)
         if plane:
             # A normal goes the way of areas, which is that of points only without shear and uneven scale.
             normal = np.linalg.inv(linear)[:, AXES[value]]
-            builder.add_plane(offset - origin, normal, **options)
+            builder.add_plane(offset - origin, normal, **surface)
         else:
             scales = np.linalg.svd(linear, compute_uv=False)
             if scales[0] - scales[-1] > UNEVEN * scales[0]:
                 raise InputError("it is not scaled evenly, so it is no sphere, and not supported as a collider")
-            builder.add_sphere(offset - origin, value * scales[0], **options)
+            builder.add_sphere(offset - origin, value * scales[0], **surface)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+
+
+def _surface(prim: Usd.Prim, time_codes: np.ndarray) -> dict[str, float]:
+    """Friction and restitution."""
+    own = {name: own_setting(prim, name, time_codes) for name in ("friction", "restitution")}
+    bound = physics_material(prim, time_codes)
+    return {name: next(v for v in (own[name], getattr(bound, name), 0.0) if v is not None) for name in own}

@@ -1,4 +1,4 @@
-"""The curves of one BasisCurves prim: checked, as simulation points in world space, and back."""
+"""The curves of one prim: checked, as simulation points in world space, and back."""
 
 from __future__ import annotations
 
@@ -7,26 +7,35 @@ from typing import Any
 import numpy as np
 from pxr import Usd, UsdGeom, Vt
 
-from pbd_warp import check
-from pbd_warp.curves.basis import LINEAR, Fit, Sampling, Topology
+from pbd_warp.curves.attributes import changes, check_types, with_ancestors
+from pbd_warp.curves.fit import Fit
+from pbd_warp.curves.kinds import read_kind
 from pbd_warp.curves.material import Material
-from pbd_warp.curves.reading import Placement
+from pbd_warp.curves.placement import Placement
+from pbd_warp.curves.primvars import Primvars
+from pbd_warp.curves.sampling import Sampling
+from pbd_warp.curves.skinning import Skinning
 from pbd_warp.errors import InputError, SimulationFailed
 
 WIDTH = 0.01
 """Diameter [m] of curves that have no widths."""
 
+THINNEST = 0.01
+"""Part of a curve's largest width that counts at least: a tip without width would have no mass."""
+
 
 class Curves:
-    """One BasisCurves prim at the frames of a simulation.
+    """One prim's curves at the frames of a simulation. Some of them may be left as they are.
 
     Args:
         prim: The prim.
         time_codes: Of all frames, shape [frames].
         material: What its ropes are made of.
+        skinning: What deforms it.
 
     Attributes:
-        topology: Its curves.
+        left: Why some curves are not simulated, by number.
+        notes: What is unusual, in a sentence each.
         sampling: Its control points as simulation points.
         x: Simulation points at the first frame, in world space [m], float64 [samples, 3].
         width: Diameters there [m], float64 [samples].
@@ -34,62 +43,82 @@ class Curves:
         moving: Whether any of them goes anywhere.
 
     Raises:
-        InputError: what is not finite, does not add up, or is not modelled, by the name of the prim.
+        InputError: what is not modelled or does not add up, or no curve is left to simulate.
     """
 
-    def __init__(self, prim: Usd.Prim, time_codes: np.ndarray, material: Material):
+    def __init__(self, prim: Usd.Prim, time_codes: np.ndarray, material: Material, skinning: Skinning | None = None):
         self.path = str(prim.GetPath())
+        self.prim = prim
         self.material = material
-        self._geometry = UsdGeom.BasisCurves(prim)
+        self.skinning = skinning
+        self.left: dict[int, str] = {}
+        self.notes: list[str] = []
+        for each in with_ancestors(prim):
+            check_types(each)
+        self._geometry = UsdGeom.Curves(prim)
+        self._tangents = UsdGeom.HermiteCurves(prim).GetTangentsAttr() if prim.IsA(UsdGeom.HermiteCurves) else None
+        if self._tangents and skinning:
+            raise InputError("it is bound to a skeleton, which does not deform the tangents of HermiteCurves")
         self._start = start = float(time_codes[0])
         self._placement = Placement(prim, time_codes)
-        linear, _ = self._placement.at(start)
-        scale = abs(np.linalg.det(linear)) ** (1.0 / 3.0)
-        try:
-            self.topology = self._read_topology(start)
-            self._local = self._read_points(start)
-            self._animated = self._geometry.GetPointsAttr().ValueMightBeTimeVarying()
-            for time_code in time_codes[1:] if self._animated else ():
-                self._read_points(float(time_code))
-            self.sampling = Sampling(self.topology)
-            self.width = self._read_widths(start, scale)
-            self.pinned = self._find_pinned(material.pin or "root", start)
-        except InputError as error:
-            raise InputError(f"{self.path}: {error}") from None
-        self._fit = Fit(self.topology, self.pinned)
-        self.x = self._to_world(self.sampling.vertex(self._local), start)
+        counts = self._read_counts(time_codes)
+        self._curve = np.tile(np.repeat(np.arange(len(counts)), counts), 2 if self._tangents else 1)
+        self._local = self._read(start)
+        self._animated = self._read_all(time_codes)
+        self.kind = read_kind(prim, counts, self._local, time_codes)
+        self._primvars = Primvars(self._geometry, self.kind, time_codes)
+        self.leave({**self.kind.faults, **self._not_finite(start, self._local)})
+
+    @property
+    def attributes(self) -> tuple[str, ...]:
+        """The names of what `frame` gives."""
+        return ("points", "velocities", "extent", *(("tangents",) if self._tangents else ()))
+
+    def leave(self, reasons: dict[int, str]) -> None:
+        """Leave some curves as they are.
+
+        Raises:
+            InputError: none is left to simulate.
+        """
+        self.left = {**reasons, **self.left}
+        simulated = np.ones(len(self.kind.counts), bool)
+        simulated[list(self.left)] = False
+        if not simulated.any():
+            curve = min(self.left)
+            raise InputError(
+                f"curve {curve} cannot be simulated: {self.left[curve]}" if self.left else "it has no curves"
+            )
+        self.sampling = Sampling(self.kind, simulated)
+        linear, _ = self._placement.at(self._start)
+        width = self._find_widths(abs(np.linalg.det(linear)) ** (1.0 / 3.0))
+        bad = np.unique(self.sampling.curve[~np.isfinite(width)])
+        if bad.size:
+            self.leave(dict.fromkeys(bad.tolist(), "one of its widths is not finite"))
+            return
+        self.width = width
+        self.pinned = self._find_pinned(self.material.pin or "root")
+        self._fit = Fit(self.sampling, self.pinned)
+        self.x = self._to_world(self.sampling.points(self._local), self._start)
         self.moving = bool(self.pinned.any()) and (self._animated or self._placement.animated)
 
-    @property
-    def edges(self) -> np.ndarray:
-        """Links between the simulation points, int [links, 2], along each curve; a closed one's last to its first."""
-        counts = self.topology.sample_counts
-        first = np.cumsum(counts) - counts
-        last = first + counts - 1
-        begin = np.arange(len(self.x))
-        end = begin + 1
-        if self.topology.closed:
-            end[last] = first
-            return np.stack([begin, end], axis=1)
-        return np.delete(np.stack([begin, end], axis=1), last, axis=0)
-
-    @property
-    def curve(self) -> np.ndarray:
-        """The curve of each simulation point, int [samples]."""
-        return np.repeat(np.arange(len(self.topology.counts)), self.topology.sample_counts)
+    def name(self, sample: int) -> str:
+        """A simulation point in words."""
+        curve = int(self.sampling.curve[sample])
+        number = sample - int(self.sampling.sample_counts[:curve].sum())
+        return f"point {number} of curve {curve} of {self.path}"
 
     def pins(self, time_code: float) -> np.ndarray:
         """Where the pinned points are in world space [m], shape [pinned, 3]."""
-        local = self._read_points(time_code) if self._animated else self._local
-        return self._to_world(self.sampling.vertex(local), time_code)[self.pinned]
+        local = self._read(time_code) if self._animated else self._local
+        return self._to_world(self.sampling.points(local)[self.pinned], time_code)
 
     def frame(
         self, displacement: np.ndarray, v: np.ndarray, time_code: float, before: float | None, fps: float
-    ) -> tuple[np.ndarray, np.ndarray, Any]:
-        """A frame in the prim's local space: points and velocities, float32 [vertices, 3], and extent.
+    ) -> list[Any]:
+        """A frame in the prim's local space: the values of `attributes`, as arrays of USD.
 
         Control points get what the simulation has added to the first frame's, so a curve at rest stays what it is to
-        the last bit.
+        the last bit. Curves that are left are as they are in the input.
 
         Args:
             displacement: Of the simulation points since the first frame [m], float64 [samples, 3].
@@ -107,98 +136,109 @@ class Curves:
             displacement[self.pinned] = now - self.x[self.pinned]
             if before is not None:
                 v[self.pinned] = (now - self.pins(before)) * fps
-        points = self._local + self._fit(displacement) @ inverse
+        values = self._local + self._fit(displacement) @ inverse
+        count = int(self.kind.counts.sum())
         linear_start, offset_start = self._placement.at(self._start)
         if not (np.array_equal(linear, linear_start) and np.array_equal(offset, offset_start)):
-            stayed = (self._local @ linear_start + offset_start - offset) @ inverse
-            points += stayed - self._local
-        way = self._fit(v)
+            moved = np.zeros((len(values), 3))
+            moved[:count] = offset_start - offset  # which tangents do not feel
+            values += (self._local @ linear_start + moved) @ inverse - self._local
+        way = self._fit(v)[:count]
         if before is not None and self._placement.animated:
             linear_before, offset_before = self._placement.at(before)
-            way -= (points @ (linear - linear_before) + (offset - offset_before)) * fps
+            way -= (values[:count] @ (linear - linear_before) + (offset - offset_before)) * fps
+        way = way @ inverse
+        if self.left:
+            still = self.sampling.unknown < 0
+            values[still] = self._read(time_code)[still] if self._animated else self._local[still]
+            way[still[:count]] = 0.0
         with np.errstate(over="ignore"):
-            result = points.astype(np.float32), (way @ inverse).astype(np.float32)
-        if not all(np.isfinite(values).all() for values in result):
+            values, way = values.astype(np.float32), way.astype(np.float32)
+        kept = self.sampling.unknown >= 0
+        if not (np.isfinite(values[kept]).all() and np.isfinite(way).all()):
             raise SimulationFailed(f"{self.path} at time code {time_code:g} is not finite in its local space")
-        widths = self._geometry.GetWidthsAttr().Get(time_code) or Vt.FloatArray()
-        return (*result, UsdGeom.BasisCurves.ComputeExtent(Vt.Vec3fArray.FromNumpy(result[0]), widths))
+        points = Vt.Vec3fArray.FromNumpy(values[:count])
+        extent = UsdGeom.Curves.ComputeExtent(points, self._primvars.shown_widths(time_code))
+        frame = [points, Vt.Vec3fArray.FromNumpy(way), extent]
+        return [*frame, Vt.Vec3fArray.FromNumpy(values[count:])] if self._tangents else frame
 
     def _to_world(self, local: np.ndarray, time_code: float) -> np.ndarray:
         linear, offset = self._placement.at(time_code)
         return local @ linear + offset
 
-    def _read_topology(self, start: float) -> Topology:
-        geometry = self._geometry
-        if geometry.GetCurveVertexCountsAttr().ValueMightBeTimeVarying():
-            raise InputError("curveVertexCounts changes with time, which is not supported: leave it out with --prim")
-        counts = np.array(geometry.GetCurveVertexCountsAttr().Get(start) or (), int)
+    def _read_counts(self, time_codes: np.ndarray) -> np.ndarray:
+        attribute = self._geometry.GetCurveVertexCountsAttr()
+        if changes(attribute, time_codes):
+            raise InputError("curveVertexCounts changes with time, which is not supported")
+        counts = np.array(attribute.Get(self._start) or (), int)
         if not counts.size:
-            raise InputError("it has no curves (no curveVertexCounts): leave it out with --prim")
-        cubic = geometry.GetTypeAttr().Get() == UsdGeom.Tokens.cubic
-        return Topology(geometry.GetBasisAttr().Get() if cubic else LINEAR, geometry.GetWrapAttr().Get(), counts)
+            raise InputError("it has no curves (no curveVertexCounts)")
+        return np.maximum(counts, 0)
 
-    def _read_points(self, time_code: float) -> np.ndarray:
-        values = self._geometry.GetPointsAttr().Get(time_code)
-        points = np.array(values if values else np.zeros((0, 3)), np.float64)
-        total = int(self.topology.counts.sum())
-        if len(points) != total:
-            raise InputError(
-                f"curveVertexCounts add up to {total}, but there are {len(points)} points at time code {time_code:g}"
-            )
-        return check.vectors(f"points at time code {time_code:g}", points)
+    def _read(self, time_code: float) -> np.ndarray:
+        """Control points, then tangents, in local space, float64 [values, 3]."""
+        found = []
+        total = len(self._curve) // (2 if self._tangents else 1)
+        for attribute in (self._geometry.GetPointsAttr(), self._tangents):
+            if attribute is None:
+                continue
+            values = attribute.Get(time_code)
+            count = len(values) if values is not None else 0
+            if count != total:
+                raise InputError(
+                    f"curveVertexCounts add up to {total}, but there are {count} {attribute.GetName()} at time code "
+                    f"{time_code:g}"
+                )
+            found.append(self.skinning(values, time_code) if self.skinning else np.array(values, np.float64))
+        return np.concatenate(found)
 
-    def _read_widths(self, start: float, scale: float) -> np.ndarray:
+    def _read_all(self, time_codes: np.ndarray) -> bool:
+        """Whether the input's points go anywhere; what is not finite at some frame is left."""
+        attributes = [self._geometry.GetPointsAttr(), *([self._tangents] if self._tangents else [])]
+        if not self.skinning and not any(changes(attribute, time_codes) for attribute in attributes):
+            return False
+        animated = False
+        for time_code in map(float, time_codes[1:]):
+            values = self._read(time_code)
+            animated |= not np.array_equal(values, self._local)
+            self.left.update({c: t for c, t in self._not_finite(time_code, values).items() if c not in self.left})
+        return animated
+
+    def _not_finite(self, time_code: float, values: np.ndarray) -> dict[int, str]:
+        bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        total = len(values) // (2 if self._tangents else 1)
+        return {
+            int(self._curve[i]): f"{'points' if i < total else 'tangents'} at time code {time_code:g} must be finite, "
+            f"but number {i % total} is ({', '.join(f'{c:g}' for c in values[i])})"
+            for i in bad[::-1]
+        }
+
+    def _find_widths(self, scale: float) -> np.ndarray:
         """At the simulation points [m]; `scale` is that from local space to world space."""
-        primvar = UsdGeom.PrimvarsAPI(self._geometry).GetPrimvar("widths")
-        if primvar and primvar.HasValue():  # which goes before the attribute
-            widths = self._at_samples("widths", primvar, start)
-        elif values := self._geometry.GetWidthsAttr().Get(start):
-            widths = self._spread("widths", np.array(values, np.float64), self._geometry.GetWidthsInterpolation())
-        else:
-            return np.full(self.sampling.count, WIDTH)
-        return scale * np.maximum(widths, 0.0)
-
-    def _find_pinned(self, pin: str, start: float) -> np.ndarray:
-        pinned = np.zeros(self.sampling.count, bool)
-        counts = self.topology.sample_counts
-        first = np.cumsum(counts) - counts
-        if pin.startswith("primvar:"):
-            name = pin.removeprefix("primvar:")
-            primvar = UsdGeom.PrimvarsAPI(self._geometry).GetPrimvar(name)
-            if not primvar or not primvar.HasValue():
-                raise InputError(f"it has no primvar {name!r} to pin by: add one, or pin root, ends or none")
-            return self._at_samples(f"primvar {name!r}", primvar, start) >= 0.5
-        if pin in ("root", "ends"):
-            pinned[first] = True
-        if pin == "ends":
-            if self.topology.closed:
-                raise InputError("a periodic curve has no ends to pin: pin root, none or primvar:NAME")
-            pinned[first + counts - 1] = True
-        return pinned
-
-    def _at_samples(self, name: str, primvar: UsdGeom.Primvar, start: float) -> np.ndarray:
-        values = primvar.ComputeFlattened(start)
         try:
-            numbers = np.atleast_1d(np.array(values, np.float64))
-        except (TypeError, ValueError):
-            numbers = np.zeros((0, 0))
-        if numbers.ndim != 1:
-            raise InputError(f"{name} is not made of numbers, one each")
-        return self._spread(name, numbers, primvar.GetInterpolation())
+            width = self._primvars.widths(self.sampling)
+        except InputError as error:
+            width, self.notes = None, [f"{error}: it is simulated as {1e3 * WIDTH:g} mm wide"]
+        if self._primvars.widths_change:
+            self.notes = ["its widths change with time: it is simulated with those of the first frame"]
+            self.notes += self._primvars.later_width_faults()
+        if width is None:
+            return np.full(self.sampling.count, WIDTH)
+        width = scale * np.maximum(width, 0.0)
+        widest = np.zeros(len(self.kind.counts))
+        np.maximum.at(widest, self.sampling.curve, np.nan_to_num(width))
+        widest = widest[self.sampling.curve]
+        return np.where(widest > 0.0, np.maximum(width, THINNEST * widest), WIDTH + 0.0 * width)
 
-    def _spread(self, name: str, values: np.ndarray, interpolation: str) -> np.ndarray:
-        """One number for each of what the interpolation says, at the simulation points."""
-        topology = self.topology
-        count, at_samples = {
-            UsdGeom.Tokens.constant: (1, lambda values: np.full(self.sampling.count, values[0])),
-            UsdGeom.Tokens.uniform: (len(topology.counts), self.sampling.uniform),
-            UsdGeom.Tokens.varying: (int(topology.varying_counts.sum()), self.sampling.varying),
-            UsdGeom.Tokens.vertex: (int(topology.counts.sum()), self.sampling.vertex),
-        }.get(interpolation, (-1, None))
-        if at_samples is None:
-            raise InputError(f"{name} has interpolation {interpolation!r}: use constant, uniform, varying or vertex")
-        if len(values) != count:
-            raise InputError(f"{name} must be {count} for interpolation {interpolation!r}, but there are {len(values)}")
-        if not np.isfinite(values).all():
-            raise InputError(f"{name} must be finite, but number {np.flatnonzero(~np.isfinite(values))[0]} is not")
-        return at_samples(values)
+    def _find_pinned(self, pin: str) -> np.ndarray:
+        sampling = self.sampling
+        if pin.startswith("primvar:"):
+            return self._primvars.numbers(pin.removeprefix("primvar:"), sampling) >= 0.5
+        pinned = np.zeros(sampling.count, bool)
+        if pin in ("root", "ends"):
+            pinned[sampling.first] = True
+        if pin == "ends":
+            if sampling.closed.any():
+                raise InputError("a periodic curve has no ends to pin: pin root, none or primvar:NAME")
+            pinned[sampling.last] = True
+        return pinned

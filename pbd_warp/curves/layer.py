@@ -6,24 +6,28 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Ar, Sdf, Usd, UsdGeom
 
+from pbd_warp.curves.attributes import check_types
 from pbd_warp.curves.scene import StageScene
+from pbd_warp.curves.skinning import unbind
 from pbd_warp.errors import InputError
 
 ATTRIBUTES = {
     "points": Sdf.ValueTypeNames.Point3fArray,
     "velocities": Sdf.ValueTypeNames.Vector3fArray,
     "extent": Sdf.ValueTypeNames.Float3Array,
+    "tangents": Sdf.ValueTypeNames.Vector3fArray,
 }
 
+OF_THE_FILE = ("subLayers", "subLayerOffsets", "primChildren", "layerRelocates", "documentation", "comment", "owner")
+"""What a layer says of itself; the rest of its metadata is about the stage, and USD reads it of the root layer only."""
 
-def check_out(source: Usd.Stage, out: Path) -> None:
-    """Raise an InputError where the output would replace a file that the input is made of."""
-    for layer in source.GetUsedLayers():
-        read = layer.realPath
-        if read and out.exists() and os.path.samefile(read.split("[")[0], out):
-            raise InputError(f"{out} is a file that the stage is read from: write to another")
+
+def layer_files(stage: Usd.Stage) -> list[Path]:
+    """The files that a stage is read from."""
+    paths = [Ar.SplitPackageRelativePathOuter(layer.realPath)[0] for layer in stage.GetUsedLayers()]
+    return [Path(path) for path in dict.fromkeys(paths) if path and Path(path).is_file()]
 
 
 def override_layer(source: StageScene, out: Path, metadata: Mapping[str, str | int | float]) -> Usd.Stage:
@@ -33,32 +37,49 @@ def override_layer(source: StageScene, out: Path, metadata: Mapping[str, str | i
     path = _relative(source.path, out.parent)
     stage.MuteLayer(path)  # it is not to be found from memory, only from where the file will be
     layer.subLayerPaths.append(path)
-    if source.stage.GetRootLayer().defaultPrim:
-        layer.defaultPrim = source.stage.GetRootLayer().defaultPrim
-    layer.customLayerData = dict(metadata)
+    read = source.stage.GetRootLayer()
+    for key in read.pseudoRoot.ListInfoKeys():
+        if key in OF_THE_FILE:
+            continue
+        value = read.pseudoRoot.GetInfo(key)
+        if isinstance(value, Sdf.AssetPath) and value.path.startswith("."):
+            value = Sdf.AssetPath(_relative(Path(read.ComputeAbsolutePath(value.path)), out.parent))
+        layer.pseudoRoot.SetInfo(key, value)
+    layer.customLayerData = {**layer.customLayerData, **metadata}
     _describe(stage, source)
     return stage
 
 
 def flattened(source: StageScene, metadata: Mapping[str, str | int | float]) -> Usd.Stage:
-    """The whole input as one layer in memory, without what the simulation replaces."""
+    """The whole input as one layer in memory, without what the simulation replaces.
+
+    Raises:
+        InputError: an attribute anywhere of another type than it should have, which would not open again.
+    """
+    for prim in source.stage.TraverseAll():
+        try:
+            check_types(prim)
+        except InputError as error:
+            raise InputError(f"the stage cannot be flattened: {error}") from None
     layer = source.stage.Flatten(addSourceFileComment=False)
     layer.customLayerData = {**layer.customLayerData, **metadata}
     stage = Usd.Stage.Open(layer)
     _describe(stage, source)
     for curves in source.curves:
-        for name in ATTRIBUTES:
+        for name in curves.attributes:
             stage.GetPrimAtPath(curves.path).RemoveProperty(name)
     return stage
 
 
 def animated_attributes(stage: Usd.Stage, source: StageScene) -> list[Usd.Attribute]:
-    """What gets a value a frame: points, velocities and extent of each prim, one prim after the other."""
+    """What gets a value a frame: the attributes of each prim, one prim after the other."""
     attributes = []
     for curves in source.curves:
         prim = stage.OverridePrim(curves.path)
-        attributes += [prim.CreateAttribute(name, kind, False) for name, kind in ATTRIBUTES.items()]
-        _block_what_is_no_longer_true(stage, source.stage.GetPrimAtPath(curves.path))
+        attributes += [prim.CreateAttribute(name, ATTRIBUTES[name], False) for name in curves.attributes]
+        _block_what_is_no_longer_true(stage, curves.prim)
+        if curves.skinning:
+            unbind(stage, curves.path)
     return attributes
 
 
@@ -76,10 +97,9 @@ def _describe(stage: Usd.Stage, source: StageScene) -> None:
 
 def _block_what_is_no_longer_true(stage: Usd.Stage, prim: Usd.Prim) -> None:
     """Accelerations of the curves, and extents that ancestors keep of everything below them."""
-    stale = [UsdGeom.PointBased(prim).GetAccelerationsAttr()]
-    while prim and not prim.IsPseudoRoot():
-        stale.append(UsdGeom.ModelAPI(prim).GetExtentsHintAttr())
-        prim = prim.GetParent()
+    stale = [UsdGeom.PointBased(prim).GetAccelerationsAttr(), UsdGeom.ModelAPI(prim).GetExtentsHintAttr()]
+    while (prim := prim.GetParent()) and not prim.IsPseudoRoot():
+        stale += [UsdGeom.ModelAPI(prim).GetExtentsHintAttr(), UsdGeom.Boundable(prim).GetExtentAttr()]
     for attribute in stale:
         if attribute and attribute.HasAuthoredValue():
             over = stage.OverridePrim(attribute.GetPrimPath())

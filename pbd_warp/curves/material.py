@@ -1,13 +1,15 @@
-"""What ropes are made of: from the command line, from `pbd:*` attributes of their prims, or by default."""
+"""What ropes are made of: the command line, `pbd:*` attributes of their prims, physics materials, defaults."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
+import numpy as np
 from pxr import Usd
 
 from pbd_warp import check
+from pbd_warp.curves.attributes import own_setting
+from pbd_warp.curves.physics import physics_material
 from pbd_warp.errors import InputError
 
 DENSITY = 1000.0
@@ -40,24 +42,25 @@ class Material:
         if self.compliance is not None:
             check.number("compliance", self.compliance, low=0.0)
 
-    def of(self, prim: Usd.Prim) -> Material:
-        """With what a prim's own attributes say where this says nothing, and else the defaults."""
-        said = {field.name: attribute(prim, field.name) for field in fields(self)}
+    def of(self, prim: Usd.Prim, time_codes: np.ndarray) -> Material:
+        """With what a prim's own attributes, and then its physics material, say where this says nothing, and else the
+        defaults.
+
+        Raises:
+            InputError: a value that makes no sense, or changes with time.
+        """
+        said = {field.name: own_setting(prim, field.name, time_codes) for field in fields(self)}
         try:
             own = Material(**said)
         except InputError as error:
-            raise InputError(f"{prim.GetPath()}: pbd:{error}") from None
+            raise InputError(f"pbd:{error}") from None
         heavy = own if self.density is None and self.mass is None else self
+        if heavy.density is None and heavy.mass is None:
+            heavy = Material(density=physics_material(prim, time_codes).density or DENSITY)
         return replace(
             self,
             pin=self.pin or own.pin or "root",
-            density=heavy.density if heavy.density or heavy.mass else DENSITY,
+            density=heavy.density,
             mass=heavy.mass,
             compliance=next(value for value in (self.compliance, own.compliance, 0.0) if value is not None),
         )
-
-
-def attribute(prim: Usd.Prim, name: str) -> Any:
-    """The value of pbd:NAME on a prim, None where it has none."""
-    found = prim.GetAttribute(f"pbd:{name}")
-    return found.Get() if found else None

@@ -9,26 +9,26 @@ from typing import Any
 
 import numpy as np
 import warp as wp
-from pxr import Usd, UsdGeom
+from pxr import Tf, Usd
 
 from pbd_warp import check
 from pbd_warp.curves.colliders import add_collider
 from pbd_warp.curves.curves import Curves
 from pbd_warp.curves.material import Material
-from pbd_warp.curves.reading import Timeline, find_colliders, find_curves, open_stage, timeline
+from pbd_warp.curves.opening import open_stage
+from pbd_warp.curves.physics import gravity_of, up_axis
+from pbd_warp.curves.ropes import add_ropes, leave_what_has_no_length
+from pbd_warp.curves.selection import find_colliders, find_curves, shared_with_others, without_own_points
+from pbd_warp.curves.skinning import Skeletons
+from pbd_warp.curves.timeline import Timeline, timeline
 from pbd_warp.errors import InputError, unknown
-from pbd_warp.kernels.distance import measure_distance
-from pbd_warp.kernels.precision import PRECISIONS
 from pbd_warp.model.builder import DTYPES, ModelBuilder, find_device
 from pbd_warp.scene import Scene
-from pbd_warp.step.launch import Launcher
-from pbd_warp.step.methods import Direct, GaussSeidel, Method
+from pbd_warp.step.methods import Direct
+from pbd_warp.usd.errors import reason
 
-GRAVITY = 9.81
-"""[m/s^2]"""
-
-TAUT = 1e-3
-"""A rope with less slack than this fraction of its length hangs by forces that grow without bounds as it goes to 0."""
+SUBSTEPS = 16
+"""With which `Direct` keeps a hair at 24 frames a second from losing its swing."""
 
 
 @dataclass(frozen=True)
@@ -37,21 +37,53 @@ class StageScene:
 
     scene: The ropes and colliders, particles in the order of `curves`, and the settings to simulate them. Others come
         from `changed`; frames and fps are the timeline's.
+    colliders: What the curves collide with.
+    gravity: [m/s^2], shape [3].
     origin: Of the simulation in world space [m]: positions in float32 are finest near it.
+    left: What is not simulated and stays as it is, in a sentence each with the reason.
+    notes: What else is unusual, in a sentence each.
     """
 
     path: Path
     stage: Usd.Stage
     timeline: Timeline
     curves: list[Curves]
+    colliders: list[Usd.Prim]
+    gravity: np.ndarray
     origin: np.ndarray
     scene: Scene
     device: wp.Device
     dtype: str
+    left: list[str]
+    notes: list[str]
 
     def changed(self, **changes: Any) -> StageScene:
         """The same curves simulated with other settings, by name."""
         return replace(self, scene=self.scene.changed(**changes))
+
+    def without(self, reasons: dict[str, dict[int, str]]) -> StageScene:
+        """What is left to simulate without some curves, which stay as they are.
+
+        Args:
+            reasons: By path of the prim, and number of the curve.
+
+        Raises:
+            InputError: nothing is left.
+        """
+        curves, left = [], []
+        for each in self.curves:
+            try:
+                each.leave(reasons.get(each.path, {}))
+                curves.append(each)
+            except InputError as error:
+                left.append(f"{each.path} is left as it is: {error}")
+        if not curves:
+            raise InputError(left[0])
+        builder = ModelBuilder(self.gravity)
+        add_ropes(builder, curves, self.origin, self.device, self.dtype)
+        for prim in self.colliders:
+            add_collider(builder, prim, self.timeline.time_codes, self.origin)
+        return replace(self, curves=curves, scene=self.scene.changed(builder=builder), left=[*self.left, *left])
 
 
 def load_stage(
@@ -59,23 +91,27 @@ def load_stage(
     prims: Sequence[str] = (),
     collide: Sequence[str] = (),
     material: Material | None = None,
-    gravity: float = GRAVITY,
+    gravity: float | None = None,
     frames: int | None = None,
     fps: float | None = None,
     device: Any = None,
     dtype: str = "float32",
+    skip: Sequence[str] = (),
+    strict: bool = False,
 ) -> StageScene:
     """Read what there is to simulate.
 
     Args:
-        prims: Patterns of the paths of BasisCurves; all unless given.
+        prims: Patterns of the paths of curves; all unless given. skip: Patterns of those to leave out.
         collide: Patterns of the paths of planes and spheres to collide with.
         material: What all ropes are made of; where it says nothing, what their prims say.
-        gravity: Against the stage's up axis [m/s^2].
+        gravity: Against the stage's up axis [m/s^2]; what the stage's physics scene says unless given.
         frames, fps: As in `timeline`.
+        strict: Refuse a stage with curves that cannot be simulated, instead of leaving them as they are; and fail where
+            Newton's method leaves something over, instead of noting it.
 
     Raises:
-        InputError: what cannot be read, makes no sense or is not modelled.
+        InputError: what cannot be read, makes no sense or is not modelled, and nothing is left to simulate.
     """
     if dtype not in DTYPES:
         raise unknown("dtype", dtype, DTYPES)
@@ -83,92 +119,66 @@ def load_stage(
     stage = open_stage(path)
     time = timeline(stage, frames, fps)
     codes = time.time_codes
-    curves = [Curves(prim, codes, (material or Material()).of(prim)) for prim in find_curves(stage, prims)]
-    origin = np.concatenate([each.x for each in curves]).mean(axis=0)
-    axis = UsdGeom.GetStageUpAxis(stage)
-    if axis not in (UsdGeom.Tokens.y, UsdGeom.Tokens.z):
-        raise InputError(f"{path}: upAxis must be Y or Z, not {axis!r}")
-    up = axis == UsdGeom.Tokens.y
-    builder = ModelBuilder(-check.number("gravity", gravity) * (np.eye(3)[1] if up else np.eye(3)[2]))
-    for each in curves:
-        _add_ropes(builder, each, origin, where, dtype)
-    for prim in find_colliders(stage, collide):
-        add_collider(builder, prim, codes, origin)
-    method, substeps = _settings(curves, codes, bool(collide))
-    scene = Scene(builder, time.frames, fps=time.fps, substeps=substeps, method=method, name=path.stem)
-    return StageScene(path, stage, time, curves, origin, scene, where, dtype)
-
-
-def _add_ropes(builder: ModelBuilder, curves: Curves, origin: np.ndarray, device: wp.Device, dtype: str) -> None:
-    x, edges = curves.x - origin, curves.edges
-    length = seen_lengths(x, edges, device, dtype)
-    zero = np.flatnonzero(length == 0.0)
-    if zero.size:
-        i = edges[zero[0]][0]
-        curve = curves.curve[i]
-        number = i - np.flatnonzero(curves.curve == curve)[0]
-        raise InputError(
-            f"{curves.path}: curve {curve} has a segment of zero length after its point {number} "
-            "(of those simulated): take one of the two points away"
-        )
-    added = builder.add_particles(x, mass=_masses(curves, edges, length), radius=0.5 * curves.width)
-    builder.add_distances((edges + added.start).astype(np.int32), length, compliance=curves.material.compliance or 0.0)
-
-
-def _masses(curves: Curves, edges: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """Of the simulation points [kg]; half of each link at either end, pinned ones 0."""
-    material = curves.material
-    link = length
-    if material.mass is None:
-        assert material.density is not None
-        link = material.density * np.pi / 4.0 * np.mean(curves.width[edges] ** 2, axis=1) * length
-    mass = np.bincount(edges.ravel(), np.repeat(0.5 * link, 2), minlength=len(curves.x))
-    light = np.flatnonzero((mass == 0.0) & ~curves.pinned)
-    if light.size:
-        raise InputError(
-            f"{curves.path}: curve {curves.curve[light[0]]} has widths of 0, so a density gives it no mass: "
-            "give widths above 0 or a mass"
-        )
-    if material.mass is not None:
-        mass *= (material.mass / np.bincount(curves.curve, mass))[curves.curve]
-    mass[curves.pinned] = 0.0
-    return mass
-
-
-def seen_lengths(x: np.ndarray, edges: np.ndarray, device: wp.Device, dtype: str) -> np.ndarray:
-    """Lengths of links as the kernels will see them [m], rounding included, float64 [links].
-
-    A link that is as long as it should be to the last bit is not moved, so a rope at rest stays at rest.
-    """
-    real = DTYPES[dtype]
-    length = wp.zeros(len(edges), dtype=real, device=device)
-    Launcher(device, real)(
-        measure_distance,
-        len(edges),
-        wp.array(edges, dtype=wp.vec2i, device=device),
-        wp.array(x, dtype=PRECISIONS[real]["Vec3"], device=device),
-        length,
+    pull, note = (
+        gravity_of(stage, codes) if gravity is None else (-check.number("gravity", gravity) * up_axis(stage), "")
     )
-    return length.numpy().astype(np.float64)
+    chosen = find_curves(stage, prims, skip)
+    curves, reasons = _read_curves(stage, chosen, codes, material or Material())
+    origin = np.concatenate([each.x for each in curves]).mean(axis=0) if curves else np.zeros(3)
+    curves = _without(curves, reasons, leave_what_has_no_length(curves, origin, where, dtype))
+    while curves and (shared := shared_with_others(stage, [each.path for each in curves])):
+        curves = _without(curves, reasons, shared)
+    left = [f"{name} is left as it is: {reason}" for name, reason in reasons.items()]
+    left += [_some_left(each) for each in curves if each.left]
+    left += [f"{each.path}: {text}" for each in curves for text in each.notes]
+    if not curves:
+        raise InputError(next(f"{name}: {reason}" for name, reason in reasons.items()))
+    if left and strict:
+        raise InputError(left[0])
+    colliders = find_colliders(stage, collide)
+    scene = Scene(
+        ModelBuilder(pull),
+        time.frames,
+        fps=time.fps,
+        name=path.stem,
+        method=Direct(),
+        substeps=SUBSTEPS,
+        on_failure="raise" if strict else "continue",
+    )
+    notes = [text for text in (time.note, note) if text]
+    source = StageScene(path, stage, time, curves, colliders, pull, origin, scene, where, dtype, left, notes)
+    return source.without({})
 
 
-def _settings(curves: list[Curves], time_codes: np.ndarray, colliders: bool) -> tuple[Method, int]:
-    """Method and substeps unless the user says otherwise: Direct where it is sure of a solution and fast."""
-    if colliders or any(each.topology.closed or _taut(each, time_codes) for each in curves):
-        return GaussSeidel(iterations=1), 64
-    return Direct(), 16
+def _read_curves(
+    stage: Usd.Stage, chosen: Sequence[Usd.Prim], time_codes: np.ndarray, material: Material
+) -> tuple[list[Curves], dict[str, str]]:
+    """The prims that can be simulated, and why the others cannot, by path."""
+    skeletons = Skeletons()
+    curves, reasons = [], without_own_points(stage, chosen)
+    for prim in chosen:
+        path = str(prim.GetPath())
+        if path in reasons:
+            continue
+        try:
+            curves.append(Curves(prim, time_codes, material.of(prim, time_codes), skeletons.skinning(prim)))
+        except InputError as error:
+            reasons[path] = str(error)
+        except (Tf.ErrorException, UnicodeDecodeError) as error:
+            reasons[path] = f"USD cannot read it: {reason(error)}"
+    return curves, reasons
 
 
-def _taut(curves: Curves, time_codes: np.ndarray) -> bool:
-    """Whether pins ever hold a part of an open curve, with free points in it, as far apart as it is long."""
-    x, pinned = curves.x, np.flatnonzero(curves.pinned)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(x, axis=0), axis=1))])
-    parts = np.flatnonzero((np.diff(curves.curve[pinned]) == 0) & (np.diff(pinned) > 1))
-    if not parts.size:
-        return False
-    slack = (1.0 - TAUT) * (along[pinned[parts + 1]] - along[pinned[parts]])
-    for time_code in time_codes if curves.moving else time_codes[:1]:
-        places = curves.pins(float(time_code))
-        if np.any(np.linalg.norm(places[parts + 1] - places[parts], axis=1) > slack):
-            return True
-    return False
+def _without(curves: list[Curves], reasons: dict[str, str], more: dict[str, str]) -> list[Curves]:
+    """The curves without those that there are more reasons to leave, which are noted."""
+    reasons |= more
+    return [each for each in curves if each.path not in more]
+
+
+def _some_left(curves: Curves) -> str:
+    """One sentence on the curves of a prim that are left as they are."""
+    first = min(curves.left)
+    what = f"{len(curves.left)} of its {len(curves.kind.counts)} curves are left as they are, the first of them curve"
+    if len(curves.left) == 1:
+        return f"{curves.path}: curve {first} is left as it is: {curves.left[first]}"
+    return f"{curves.path}: {what} {first}: {curves.left[first]}"

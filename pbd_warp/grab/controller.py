@@ -12,6 +12,11 @@ class Controller(Protocol):
     """Moves particles between frames: a drag, a recording, what the pinned points of a USD stage follow."""
 
     @property
+    def script(self) -> Any:
+        """All that it does in the run; anything that JSON can hold. Files of runs with another one are not gone on
+        from."""
+
+    @property
     def memory(self) -> Any:
         """What it needs to go on from a checkpoint; anything that JSON can hold."""
 

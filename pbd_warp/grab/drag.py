@@ -47,7 +47,7 @@ class Drag:
     def __init__(self, gestures: Iterable[Sequence[Any]] = ()):
         self.gestures = [tuple(gesture) for gesture in gestures]
         self._holds = _parse(self.gestures)
-        self._script = [[time, what, *np.ravel(value).tolist()] for time, what, *value in self.gestures]
+        self.script = [[float(time), what, *np.ravel(value).tolist()] for time, what, *value in self.gestures]
         self._now: _Hold | None = None
         self._selected_at = np.zeros(3)
 
@@ -57,21 +57,22 @@ class Drag:
 
     @property
     def memory(self) -> dict[str, Any]:
-        """For a checkpoint: the script, and of the particle in hand which hold it is and where it was selected."""
+        """For a checkpoint: of the particle that is held which hold it is, and where it was selected."""
         now = None if self._now is None else [self._holds.index(self._now), self._selected_at.tolist()]
-        return {"script": self._script, "now": now}
+        return {"now": now}
 
     def resume(self, memory: dict[str, Any], sim: Simulation) -> Simulation:
         """Go on from a checkpoint of the simulation, which holds the particle already.
 
         Raises:
-            InputError: the checkpoint is of another script.
+            InputError: this script would not have left that.
         """
-        if not isinstance(memory, dict) or memory.get("script") != self._script:
-            raise InputError("the checkpoint was left under another drag: start from the beginning, or with that one")
-        if memory["now"] is not None:
-            hold, selected_at = memory["now"]
-            self._now, self._selected_at = self._holds[hold], np.array(selected_at)
+        now = memory.get("now", ()) if isinstance(memory, dict) else ()
+        if now is not None:
+            if not isinstance(now, list) or len(now) != 2:
+                raise InputError("the checkpoint does not say where the drag was")
+            check.indices("the checkpoint's drag", [now[0]], len(self._holds))
+            self._now, self._selected_at = self._holds[now[0]], check.vector("the checkpoint's drag", now[1])
         return sim
 
     def advance(self, sim: Simulation) -> Simulation:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -12,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from pbd_warp import check
-from pbd_warp.atomic import replacing
+from pbd_warp.atomic import write_text
 from pbd_warp.errors import InputError
 from pbd_warp.grab.drag import GESTURES
+from pbd_warp.grab.drawing import DrawnRope, with_ropes
 from pbd_warp.grab.grabber import Grabber
 from pbd_warp.model.model import Model
 from pbd_warp.scene import Scene, load_scene
-from pbd_warp.settings import Settings
+from pbd_warp.settings import Settings, frame_length
 from pbd_warp.simulation import Simulation
 
 CHANGE = "settings"
@@ -29,7 +29,8 @@ CHANGE = "settings"
 class Recording:
     """What was done from the initial state on.
 
-    scene, seed, parameters: What was built (`load_scene`); model: a few numbers by which it is known again.
+    scene, seed, parameters: What was built (`load_scene`); ropes: what was drawn into it; model: a few numbers by which
+    it is known again.
     dtype, settings: How it was simulated at the start.
     frames: How many there are, the initial state included.
     events: (frame, gesture or "settings", value), in the order in which they happened. `frame` frames were done before.
@@ -43,6 +44,7 @@ class Recording:
     settings: Settings
     frames: int = 1
     events: list[tuple[int, str, Any]] = field(default_factory=list)
+    ropes: list[DrawnRope] = field(default_factory=list)
 
     def note(self, frame: int, what: str, value: Any) -> None:
         """Add an event. A frame has one move: of several the last counts."""
@@ -50,10 +52,29 @@ class Recording:
             self.events.pop()
         self.events.append((frame, what, value))
 
+    def cut(self, frame: int) -> tuple[Settings, int | None]:
+        """Forget what came after a frame; the settings then, and the particle that was grabbed (None for none)."""
+        self.frames = frame + 1
+        self.events = [event for event in self.events if event[0] < frame]
+        settings, held = self.settings, None
+        for _, what, value in self.events:
+            if what == CHANGE:
+                settings = value
+            elif what != "move":
+                held = value  # None with a deselect
+        return settings, held
+
     def events_as_json(self) -> list[list[Any]]:
         """The events as they come back from a file."""
         events = [[frame, what, value.to_json() if what == CHANGE else value] for frame, what, value in self.events]
         return json.loads(json.dumps(events))
+
+    def to_text(self) -> str:
+        """As JSON, an event a line, so that the file can be read and compared."""
+        header = {**vars(self), "settings": self.settings.to_json(), "ropes": [rope.to_json() for rope in self.ropes]}
+        lines = ",\n  ".join(json.dumps(event) for event in self.events_as_json())
+        text = json.dumps({**header, "events": []}, indent=1).replace('"events": []', f'"events": [\n  {lines}\n ]')
+        return text + "\n"
 
     def save(self, path: Path) -> None:
         """Write it as JSON, whole or not at all.
@@ -61,12 +82,7 @@ class Recording:
         Raises:
             SimulationFailed: it could not be written.
         """
-        header = {**vars(self), "settings": self.settings.to_json()}
-        # An event a line, so that the file can be read and compared.
-        lines = ",\n  ".join(json.dumps(event) for event in self.events_as_json())
-        text = json.dumps({**header, "events": []}, indent=1).replace('"events": []', f'"events": [\n  {lines}\n ]')
-        with replacing(path, path.with_name(f".{path.name}.{os.getpid()}")) as temporary:
-            temporary.write_text(text + "\n")
+        write_text(path, self.to_text())
 
     @classmethod
     def load(cls, path: Path, scene: str | None = None) -> Recording:
@@ -88,6 +104,8 @@ class Recording:
                 data = _upgraded(data, scene)
             except (InputError, KeyError, TypeError, ValueError, AttributeError) as error:
                 raise InputError(f"{path} is no recording of drags: {error}") from None
+        if isinstance(data, dict):
+            data.setdefault("ropes", [])  # which older files do not have
         if not isinstance(data, dict) or sorted(data) != sorted(names):
             raise InputError(f"{path} is no recording of drags: it must have {', '.join(names)}")
         try:
@@ -103,7 +121,8 @@ class Recording:
         """
         if Path(name).stem != self.scene:
             raise InputError(f"the drags are of scene {self.scene}, not of {name}")
-        return load_scene(name, self.seed, self.parameters).changed(settings=self.settings)
+        scene = load_scene(name, self.seed, self.parameters).changed(settings=self.settings)
+        return with_ropes(scene, self.ropes)
 
     def replay(self, scene: Scene, model: Model) -> Replay:
         """Do it again.
@@ -163,18 +182,22 @@ class Replay:
 
     @property
     def memory(self) -> dict[str, Any]:
-        """For a checkpoint: the events, and how many of them are done."""
-        return {"events": self._recording.events_as_json(), "next": self._next}
+        """For a checkpoint: how many of the events are done."""
+        return {"next": self._next}
+
+    @property
+    def script(self) -> list[Any]:
+        """All events."""
+        return self._recording.events_as_json()
 
     def resume(self, memory: dict[str, Any], sim: Simulation) -> Simulation:
         """Go on from a checkpoint, with the settings in force there.
 
         Raises:
-            InputError: the checkpoint is of another recording.
+            InputError: this recording would not have left that.
         """
-        if not isinstance(memory, dict) or memory.get("events") != self._recording.events_as_json():
-            raise InputError("the checkpoint was left under other drags: start from the beginning, or with those")
-        self._next = memory["next"]
+        done = memory.get("next") if isinstance(memory, dict) else None
+        self._next = check.whole("events done before the checkpoint", done, low=0, high=len(self._recording.events))
         changes = [value for _, what, value in self._recording.events[: self._next] if what == CHANGE]
         if changes:
             sim = Simulation(self._model, changes[-1])
@@ -203,7 +226,7 @@ def _upgraded(data: dict[str, Any], scene: str | None) -> dict[str, Any]:
     """What version 0.1 wrote, which had only those settings that the view could change."""
     data = dict(data)
     data["parameters"] = data.pop("scene_settings")
-    dt = 1.0 / check.number("fps", data.pop("fps"), above=0.0)
+    dt = frame_length("fps", data.pop("fps"))
     rest = interactive(load_scene(scene or data["scene"], data["seed"], data["parameters"]).settings)
     whole = json.loads(json.dumps(rest.changed(dt=dt).to_json()))
     data["settings"] = {**whole, **data["settings"]}
@@ -258,4 +281,6 @@ def _checked(data: dict[str, Any]) -> dict[str, Any]:
         last = frame
         holding = what in ("select", "move") or (holding and what == CHANGE)
         events.append((frame, what, value))
-    return {**data, "events": events}
+    if not isinstance(data["ropes"], list):
+        raise InputError("ropes must be a list")
+    return {**data, "events": events, "ropes": [DrawnRope.from_json(rope) for rope in data["ropes"]]}

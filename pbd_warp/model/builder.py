@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from pbd_warp import check
+from pbd_warp import check, kernel_cache
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.kernels.collider import PLANE, SPHERE
 from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
@@ -136,11 +136,19 @@ class ModelBuilder:
             radius: Of its particles [m].
             compliance: Of each link [m/N].
             stiffness: Of each link, 0..1.
+
+        Raises:
+            InputError: two points in a row that are the same: a link without length has no direction to act along.
         """
         positions = check.vectors("positions", positions)
         n = len(positions)
         if n < 2:
             raise InputError(f"a rope needs at least 2 particles, not {n}")
+        same = np.flatnonzero(np.all(positions[1:] == positions[:-1], axis=1))
+        if same.size:
+            raise InputError(
+                f"points {same[0]} and {same[0] + 1} of a rope are the same: leave one of them out, or add two ropes"
+            )
         edges = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
         rope = self.add_graph(positions, edges, mass, pinned, radius, compliance, stiffness)
         self._ropes.append(np.arange(rope.start, rope.stop, dtype=np.int32))
@@ -286,6 +294,7 @@ def _columns(rows: list[tuple[np.ndarray, ...]], *empty: np.ndarray) -> list[np.
 
 def find_device(device: str | wp.Device | None) -> wp.Device:
     """The Warp device of that name, or an InputError that lists those there are."""
+    kernel_cache.begin()
     if device is None:
         return wp.get_preferred_device()
     names = [d.alias for d in wp.get_devices()]

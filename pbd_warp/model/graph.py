@@ -1,8 +1,39 @@
-"""What can be said of a graph of particles without a device."""
+"""Particles and links as a graph."""
 
 from __future__ import annotations
 
+import heapq
+
 import numpy as np
+
+
+def links_of(edge: np.ndarray, length: np.ndarray) -> dict[int, list[tuple[int, float]]]:
+    """Of each particle, who it is linked to, and how long that link is [m]."""
+    links: dict[int, list[tuple[int, float]]] = {}
+    for (i, j), rest in zip(edge.tolist(), length.tolist(), strict=True):
+        links.setdefault(i, []).append((j, rest))
+        links.setdefault(j, []).append((i, rest))
+    return links
+
+
+def reach(links: dict[int, list[tuple[int, float]]], start: int, held: np.ndarray) -> dict[int, float]:
+    """Of the held particles, bool [particle_count], that are found from one of them through free ones: the length of
+    the shortest way there [m] (Dijkstra 1959). Held neighbours are left out: nothing between them can give."""
+    found: dict[int, float] = {}
+    done: set[int] = set()
+    queue = [(0.0, start, 0)]
+    while queue:
+        way, at, steps = heapq.heappop(queue)
+        if at in done:
+            continue
+        done.add(at)
+        if held[at] and at != start:
+            if steps > 1:
+                found[at] = way
+            continue
+        for to, rest in links.get(at, []):
+            heapq.heappush(queue, (way + rest, to, steps + 1))
+    return found
 
 
 def components(edge: np.ndarray, particle_count: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -94,6 +95,13 @@ class Model:
     def collides(self) -> bool:
         """Whether there is anything to be in contact with."""
         return self.contacts is not None or len(self.colliders.kind) > 0
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle and deepcopy: the device and the precision by their names."""
+        return {**vars(self), "device": str(self.device), "real": self.dtype}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, device=wp.get_device(state["device"]), real=getattr(wp, state["real"]))
 
     def __repr__(self) -> str:
         counts = {"distances": len(self.distance), "points": len(self.point), "colliders": len(self.colliders.kind)}

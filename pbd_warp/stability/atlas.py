@@ -28,6 +28,7 @@ class Cell(TableRow):
     stretch: float
     left: float
     error: float
+    iterations: float
 
     def __post_init__(self) -> None:
         if self.outcome not in OUTCOMES:

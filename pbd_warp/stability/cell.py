@@ -18,6 +18,9 @@ from pbd_warp.simulation import Simulation
 from pbd_warp.stability.classify import Figures
 from pbd_warp.step.divergence import Limits
 
+STEPS_A_FRAME = "substeps a frame of 1/60 s"
+"""What an axis of them is called."""
+
 EARTH = 9.81
 """Weighs what has no gravity, so that energies can be compared [m/s^2]."""
 
@@ -46,11 +49,13 @@ def run_scene(
     # As far as it goes: nothing is rescued, and a cell is judged by its own thresholds.
     sim = Simulation(model, scene.settings, on_failure="continue", limits=Limits(stretch=None))
     measures = [measure(sim)]
+    iterations = 0
     missed = stopped = False
     with np.errstate(all="ignore"):  # what flies apart overflows
         try:
             for _ in play(sim, Drag(scene.drag), scene.frames):
                 measures.append(measure(sim))
+                iterations += sim.iterations_used
                 missed = missed or (in_line and _have_passed(model, sim))
         except SimulationFailed:
             stopped = True
@@ -69,7 +74,13 @@ def run_scene(
             stretch=max(max(now.max_stretch, now.overlap / diameter) for now in late),
             left=float("inf") if stopped and finite else left,
             error=error(sim) if error is not None and finite else float("nan"),
+            iterations=iterations / max(sim.frame * sim.settings.steps_a_frame, 1),
         )
+
+
+def stepped(scene: Scene, steps: float) -> Scene:
+    """A scene in so many steps a frame."""
+    return scene.changed(substeps=round(steps))
 
 
 def study(name: str, **parameters: Any) -> Scene:

@@ -26,6 +26,7 @@ class Figures:
     stretch: Largest, in the second half of the run, see STRETCHED.
     left: Largest residual in the second half of the run over the one at the start, see LEFT.
     error: At the end, see OFF.
+    iterations: Of the method in a step, in the mean.
     """
 
     finite: bool = True
@@ -34,6 +35,7 @@ class Figures:
     stretch: float = float("nan")
     left: float = float("nan")
     error: float = float("nan")
+    iterations: float = float("nan")
 
 
 NUMBERS = tuple(field.name for field in fields(Figures) if field.type == "float")

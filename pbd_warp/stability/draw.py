@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pbd_warp.accuracy.plot import check_picture
+from pbd_warp.atomic import replacing
 from pbd_warp.stability.atlas import Cell, Measured
 from pbd_warp.stability.classify import OUTCOMES
 from pbd_warp.stability.map import Axis, Boundary, Map
@@ -24,12 +25,12 @@ if TYPE_CHECKING:
 # Okabe and Ito's colours, told apart by colour-blind readers, and a hatching each, which does without colour.
 LOOKS: dict[str, tuple[str, str | None]] = {
     "converged": ("#e6f2ec", None),
-    "refused": ("#c9c9c9", "----"),
-    "off": ("#9fd3f2", "\\\\\\\\"),
-    "not converged": ("#F0E442", "++++"),
-    "stretched": ("#E69F00", "||||"),
-    "gained energy": ("#D55E00", "////"),
-    "missed": ("#CC79A7", "xxxx"),
+    "refused": ("#c9c9c9", "--"),
+    "off": ("#9fd3f2", "\\\\"),
+    "not converged": ("#F0E442", "++"),
+    "stretched": ("#E69F00", "||"),
+    "gained energy": ("#D55E00", "//"),
+    "missed": ("#CC79A7", "xx"),
     "not finite": ("#222222", None),
 }
 INK, GREY, LINE = "#222222", "#777777", "#0072B2"
@@ -37,6 +38,8 @@ MOST_COLUMNS = 3
 PANEL_WIDTH, PANEL_HEIGHT = 3.0, 2.3  # inches
 LEFT, GAP, BETWEEN, TOP, BELOW = 0.75, 0.3, 0.75, 0.85, 1.0
 SMALL = 7.5  # points
+MOST_SHADED = 30.0
+"""A shaded number from which on a cell is as dark as it gets."""
 TICKS = 10
 """Labels on an axis at most."""
 
@@ -81,7 +84,8 @@ def draw(measured: Measured, path: str | Path) -> None:
         note = "; ".join(measured.info[key] for key in ("machine", "versions", "date") if key in measured.info)
         for index, line in enumerate(reversed(textwrap.wrap(note, round(18 * width)))):
             figure.text(0.1 / width, (0.08 + 0.13 * index) / height, line, size=SMALL - 1.5, color=GREY)
-        figure.savefig(path, format=form, dpi=130, metadata={"Date": None} if form == "svg" else None)
+        with replacing(Path(path)) as temporary:
+            figure.savefig(temporary, format=form, dpi=130, metadata={"Date": None} if form == "svg" else None)
 
 
 def _panel(axes: Axes, measured: Measured, name: str) -> None:
@@ -91,6 +95,8 @@ def _panel(axes: Axes, measured: Measured, name: str) -> None:
     axes.set_title(name, size=SMALL + 1.5, color=INK, loc="left", pad=13 if made.panels[name].boundary else 4)
     for outcome in LOOKS:
         _cells(axes, made, [cell for cell in cells.values() if cell.outcome == outcome], outcome, name)
+    if made.shade is not None:
+        _numbers(axes, made, [cell for cell in cells.values() if cell.outcome == "converged"])
     axes.vlines(np.arange(1, len(made.x.values)) - 0.5, -0.5, len(made.y.values) - 0.5, color="white", linewidth=0.6)
     axes.hlines(np.arange(1, len(made.y.values)) - 0.5, -0.5, len(made.x.values) - 0.5, color="white", linewidth=0.6)
     boundary = made.panels[name].boundary
@@ -120,6 +126,20 @@ def _cells(axes: Axes, made: Map, cells: Iterable[Cell], outcome: str, panel: st
     outline = Outline(corners, codes * (len(corners) // len(codes)))
     name = f"{outcome}-{panel}".replace(" ", "-")
     axes.add_patch(PathPatch(outline, facecolor=colour, edgecolor=INK, linewidth=0.0, hatch=hatch, gid=name))
+
+
+def _numbers(axes: Axes, made: Map, cells: Iterable[Cell]) -> None:
+    """Shade cells by a number of theirs, darker for more, and write it into them."""
+    assert made.shade is not None
+    for cell in cells:
+        value = getattr(cell, made.shade)
+        dark = min(math.log(max(value, 1.0)) / math.log(MOST_SHADED), 1.0)
+        i, j = made.x.values.index(cell.x), made.y.values.index(cell.y)
+        corners = ([i - 0.5, i + 0.5, i + 0.5, i - 0.5], [j - 0.5, j - 0.5, j + 0.5, j + 0.5])
+        axes.fill(*corners, color=LINE, alpha=0.08 + 0.6 * dark, linewidth=0.0, zorder=2)
+        axes.text(
+            i, j, f"{value:.1f}" if value < 10.0 else f"{value:.0f}", size=SMALL, ha="center", va="center", zorder=3
+        )
 
 
 def _runs(places: Iterable[tuple[int, int]]) -> list[tuple[int, int, int]]:

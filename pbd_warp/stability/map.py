@@ -67,6 +67,7 @@ class Map:
     """Two parameters of a scene swept against each other, in a panel for each of some settings.
 
     scene: The scene's name. panels: by what is written above them. text: What the map shows.
+    shade: A number of `Figures` that is written in cells that converged, and shades them.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Map:
     y: Axis
     panels: Mapping[str, Panel]
     text: str
+    shade: str | None = None
 
     @property
     def remedy(self) -> str:

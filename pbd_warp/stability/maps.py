@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from pbd_warp.errors import unknown
 from pbd_warp.stability.contact_maps import COINCIDENT, CRADLE, OVERLAP, SPEED, UNREACHABLE
+from pbd_warp.stability.direct_maps import CAPSTAN, LOOPS, SHORT_LINK
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
 from pbd_warp.stability.solver_maps import (
     CHAIN_LENGTH,
@@ -16,7 +17,7 @@ from pbd_warp.stability.solver_maps import (
     STAR,
     SWEEP_NUMBER,
 )
-from pbd_warp.stability.step_maps import DRAG, PRECISION, STEP
+from pbd_warp.stability.step_maps import DRAG, PRECISION, STEP, SWEEP_ENERGY
 
 __all__ = ["MAPS", "Axis", "Boundary", "Map", "Panel", "choose"]
 
@@ -24,7 +25,8 @@ MAPS: dict[str, Map] = {
     made.name: made
     for made in (
         *(RELAXED, STAR, OVERCONSTRAINED, SWEEP_NUMBER, CHEBYSHEV, CHAIN_LENGTH, MASS_RATIO),
-        *(STEP, DRAG, PRECISION, SPEED, OVERLAP, UNREACHABLE, CRADLE, COINCIDENT),
+        *(STEP, SWEEP_ENERGY, DRAG, PRECISION, SPEED, OVERLAP, UNREACHABLE, CRADLE, COINCIDENT),
+        *(CAPSTAN, SHORT_LINK, LOOPS),
     )
 }
 

@@ -10,7 +10,7 @@ import numpy as np
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.scene import Scene, references
 from pbd_warp.stability import theory
-from pbd_warp.stability.cell import run_scene, study
+from pbd_warp.stability.cell import run_scene, stepped, study
 from pbd_warp.stability.classify import Figures
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
 from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
@@ -158,7 +158,7 @@ def _budget(scene: Callable[[float], Scene], method: type, steps: bool) -> Calla
 
     def cell(x: float, y: float) -> Figures:
         made = method(1 if steps else int(y))
-        return run_scene(scene(x).changed(method=made, integrator="pbd", substeps=int(y) if steps else 1))
+        return run_scene(stepped(scene(x), y if steps else 1).changed(method=made, integrator="pbd"))
 
     return cell
 
@@ -189,14 +189,12 @@ CHAIN_LENGTH = Map(
         "jacobi, iterations": Panel(_budget(_rope, Jacobi, False), _hanging("jacobi", False)),
         "gauss-seidel, iterations": Panel(_budget(_rope, GaussSeidel, False), _hanging("gauss-seidel", False)),
         "direct, iterations": Panel(_budget(_rope, Direct, False)),
-        "jacobi, substeps of 1 iteration": Panel(_budget(_rope, Jacobi, True), _hanging("jacobi", True)),
-        "gauss-seidel, substeps of 1 iteration": Panel(
-            _budget(_rope, GaussSeidel, True), _hanging("gauss-seidel", True)
-        ),
+        "jacobi, steps of 1 iteration": Panel(_budget(_rope, Jacobi, True), _hanging("jacobi", True)),
+        "gauss-seidel, steps of 1 iteration": Panel(_budget(_rope, GaussSeidel, True), _hanging("gauss-seidel", True)),
     },
     text="A rope of 1 m hangs straight down for a second. A sweep carries the weight one link on: the stretch "
     "grows with the square of the number of links, falls with the iterations and with the square of the "
-    "substeps.",
+    "steps.",
 )
 
 MASS_RATIO = Map(
@@ -209,10 +207,8 @@ MASS_RATIO = Map(
         "jacobi, iterations": Panel(_budget(_bob, Jacobi, False), _swinging("jacobi", False)),
         "gauss-seidel, iterations": Panel(_budget(_bob, GaussSeidel, False), _swinging("gauss-seidel", False)),
         "direct, iterations": Panel(_budget(_bob, Direct, False)),
-        "jacobi, substeps of 1 iteration": Panel(_budget(_bob, Jacobi, True), _swinging("jacobi", True)),
-        "gauss-seidel, substeps of 1 iteration": Panel(
-            _budget(_bob, GaussSeidel, True), _swinging("gauss-seidel", True)
-        ),
+        "jacobi, steps of 1 iteration": Panel(_budget(_bob, Jacobi, True), _swinging("jacobi", True)),
+        "gauss-seidel, steps of 1 iteration": Panel(_budget(_bob, GaussSeidel, True), _swinging("gauss-seidel", True)),
     },
     text="20 links with a heavy end swing down from the horizontal, for a second. The heavier the bob, the "
     "more sweeps it takes to stop its fall through the light links.",

@@ -31,6 +31,10 @@ MOST = 2**12
 """Sweeps a frame beyond which nobody looks for a boundary."""
 
 
+CAPSTAN_BALL, CAPSTAN_SIDE = 0.3, 0.6
+"""Radius of the ball, and length of what hangs down on either side [m]."""
+
+
 def chain_limit(links: float) -> float:
     """Relaxation up to which the plain sum converges on a free straight chain of equal masses."""
     return 2.0 / (1.0 + np.cos(np.pi / (links + 1.0)))
@@ -160,3 +164,11 @@ def overlap_rate(depth: float, radius: float) -> float:
     size = float(np.linalg.norm([side + 2.0 * radius, np.sqrt(0.75) * side + 2.0 * radius, 2.0 * radius]))
     fastest = 4.0 * np.sqrt(2.0 * GAINED * GRAVITY * size)
     return fastest / (2.0 * radius * depth / np.sqrt(3.0))
+
+
+def capstan(links: int, friction: float) -> float:
+    """The ratio of loads at which a rope over half a circle slides, over e^(mu pi): of a polygon with the links of the
+    scene "capstan", of which n turn by pi/n each: ((1 + mu tan(pi/2n)) / (1 - mu tan(pi/2n)))^n e^(-mu pi)."""
+    n = links * np.pi * CAPSTAN_BALL / (np.pi * CAPSTAN_BALL + 2.0 * CAPSTAN_SIDE)
+    grip = friction * np.tan(np.pi / (2.0 * n))
+    return float(((1.0 + grip) / (1.0 - grip)) ** n * np.exp(-friction * np.pi))

@@ -49,6 +49,7 @@ class Context:
         point_target: Of the point constraints [m], [point_count]; None where there are none.
         diverged: What a frame has found, int32 [4]: see kernels/divergence.py.
         arrays: All device arrays by name.
+        fixed: Names of those that hold numbers of particles and the like, which never change.
     """
 
     def __init__(self, model: Model, dt: float, depenetration_speed: float | None = None):
@@ -59,6 +60,7 @@ class Context:
         self.mat33 = PRECISIONS[model.real]["Mat33"]
         self.launch = Launcher(model.device, model.real)
         self.arrays: dict[str, wp.array] = {}
+        self.fixed: set[str] = set()
         self.state = State(x=self.upload("x", model.x, self.vec3), v=self.upload("v", model.v, self.vec3))
         self.w = self.upload("w", model.w)
         self.u = self.allocate("u", model.particle_count, self.vec3)
@@ -71,6 +73,8 @@ class Context:
     def upload(self, name: str, values: Any, dtype: Any = None) -> wp.array:
         """A device array, by default in the model's precision; `name` is what the cost sheet calls it."""
         self.arrays[name] = wp.array(np.asarray(values), dtype=dtype or self.real, device=self.model.device)
+        if dtype in (wp.int32, wp.vec2i):
+            self.fixed.add(name)
         return self.arrays[name]
 
     def allocate(self, name: str, shape: int, dtype: Any) -> wp.array:

@@ -100,6 +100,28 @@ class KinematicParticles:
         paths = [[path.frame, path.particles.tolist()] for path in (self._held_path, self._fixed_path)]
         return {"held": self.held, "held_target": self.held_target.tolist(), "paths": paths}
 
+    def checked(self, memory: Any) -> dict[str, Any]:
+        """A `memory` from a file.
+
+        Raises:
+            InputError: what `memory` would not have said of this model.
+        """
+        count = self._context.model.particle_count
+        try:
+            held, target, paths = memory["held"], memory["held_target"], memory["paths"]
+            check.vector("held_target", target)
+            for particles in ([] if held is None else [held], *(particles for _, particles in paths)):
+                check.indices("particles", particles, count)
+            for frame, _ in paths:
+                if frame is not None:
+                    check.whole("frame", frame, low=0)
+            fits = len(paths) == 2 and (held is None or isinstance(held, int))
+        except (KeyError, TypeError, ValueError, OverflowError):
+            fits = False
+        if not fits:
+            raise InputError("the checkpoint does not say rightly which particles are held or led")
+        return memory
+
     def restore(self, memory: dict[str, Any]) -> None:
         """Go on from the `memory` of another; velocities and inverse masses come with the device's arrays."""
         self.held = memory["held"]

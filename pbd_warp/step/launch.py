@@ -3,15 +3,42 @@ so that a dry run can list them (`Simulation.passes`) without touching any data.
 
 from __future__ import annotations
 
+import functools
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import warp as wp
 
 from pbd_warp.kernels.precision import PrecisionKernel
 
+RECORDING = threading.RLock()
+"""Held while a frame is recorded: Warp would record what other threads launch meanwhile along with it."""
 
+Class = TypeVar("Class", bound=type)
+
+
+def not_while_recording(*names: str) -> Callable[[Class], Class]:
+    """Class decorator: methods, by name, that wait while another thread records a frame."""
+
+    def guard(method: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(method)
+        def guarded(*args: Any, **kwargs: Any) -> Any:
+            with RECORDING:
+                return method(*args, **kwargs)
+
+        return guarded
+
+    def decorate(decorated: Class) -> Class:
+        for name in names:
+            setattr(decorated, name, guard(getattr(decorated, name)))
+        return decorated
+
+    return decorate
+
+
+@not_while_recording("__call__", "zero", "copy", "build_grid", "loop")
 class Launcher:
     """Launches kernels in one precision on one device."""
 

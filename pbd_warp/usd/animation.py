@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from pxr import Sdf, Tf, Usd, Vt
+from pxr import Sdf, Tf, Usd
 
-from pbd_warp.atomic import FolderLock, LateSync, reason, replacing
+from pbd_warp.atomic import Place, clear_hidden, hidden, replacing, through_links
 from pbd_warp.errors import InputError, SimulationFailed
-from pbd_warp.usd.merge import Frame, declare, write_binary, write_text
-
-CHUNK = 32
-"""Frames a chunk: at most so many are lost when the process is killed."""
+from pbd_warp.identity import Identity
+from pbd_warp.lock import Lock
+from pbd_warp.paths import chunk_folder, unfinished
+from pbd_warp.usd.chunks import Chunks
+from pbd_warp.usd.errors import as_os_error, reason
+from pbd_warp.usd.layers import check_identity, common_times, frames_of, mark, open_root
+from pbd_warp.usd.merge import declare, write_binary, write_text
 
 
 class Animation:
@@ -31,20 +32,20 @@ class Animation:
     unfinished one.
 
     Args:
-        path: The file asked for, see `pbd_warp.usd.writer.check_path`.
+        path: The file asked for, see `pbd_warp.usd.writer.check_path`. It is reserved until the end.
         stage: In memory, with all that does not change with time. It may be edited until `close`; its sublayers and
             references stay what they are.
         attributes: Those of `stage` that get one time sample a frame; arrays.
-        resume: Go on after so many frames of what lies on disk: the unfinished, interrupted or finished file,
-            whichever is the latest. Frames beyond are dropped.
+        resume: Go on after so many frames of what lies on disk: the unfinished or interrupted file, or the finished
+            one where that is not of this run or has fewer frames. Frames beyond are dropped.
         before_saving: Called whenever the stage is about to be written: the time to edit what depends on the motion.
+        identity: Of the run. All files carry it, and only files with the same are gone on from.
 
     Attributes:
-        frames: Written so far, resumed ones included.
         saved: The path written in the end, None until then.
 
     Raises:
-        InputError: another process is writing to the path, or there are fewer frames on disk than `resume`.
+        InputError: another process is writing to the path, or no file of this run has as many frames as `resume`.
     """
 
     def __init__(
@@ -54,27 +55,31 @@ class Animation:
         attributes: Sequence[Usd.Attribute],
         resume: int | None = None,
         before_saving: Callable[[], object] = lambda: None,
+        identity: Identity | None = None,
     ):
-        self.frames = 0
         self.saved: Path | None = None
-        self._path = path
-        self._root = path.with_name(f"{path.stem}.partial{path.suffix}")
-        self._folder = path.with_name(f"{self._root.name}.frames")
-        self._lock: FolderLock | None = None  # from the first chunk on
+        self._path = path = through_links(path)
+        self._root = unfinished(path)
         self._stage = stage
         self._types = {attribute.GetPath(): attribute.GetTypeName() for attribute in attributes}
         self._before_saving = before_saving
-        self._shown_from: list[float] = []  # one time code a chunk, the one that is being filled included
-        self._full = 0  # chunks, all on disk
-        self._chunk = self._new_chunk()
-        self._times: list[float] = []  # its frames
-        self._last: float | None = None
+        self._identity = identity
+        self._chunks = Chunks(chunk_folder(path), self._types, identity)
         self._kept = 0  # frames that a kill leaves
-        self._late = LateSync()
-        if self._folder.is_dir():
-            FolderLock(self._folder).release()
-        if resume:
-            self._resume(resume)
+        self._lock = Lock(path)
+        self._place = Place(path.parent)
+        try:
+            clear_hidden(path)
+            if resume:
+                self._resume(resume)
+        except BaseException:
+            self._lock.release()
+            raise
+
+    @property
+    def frames(self) -> int:
+        """Written so far, resumed ones included."""
+        return self._chunks.frames
 
     def write(self, values: Sequence[Any], time_code: float) -> None:
         """Add a frame: one Vt array an attribute, at a later time code than the frame before.
@@ -82,10 +87,10 @@ class Animation:
         Raises:
             SimulationFailed: a chunk could not be written. The chunks before it still open.
         """
-        if len(self._times) == CHUNK:
+        if self._chunks.is_full:
             self._end_chunk()  # as the disk was full the first time
-        self._add(values, float(time_code))
-        if len(self._times) == CHUNK:
+        self._chunks.add(values, float(time_code))
+        if self._chunks.is_full:
             self._end_chunk()
 
     def flush(self) -> None:
@@ -95,11 +100,11 @@ class Animation:
             SimulationFailed: it could not be written.
         """
         self._save()
-        self._late.finish()
+        self._chunks.late.finish()
 
     def values(self, attribute: Usd.Attribute) -> Iterator[Any]:
         """What was written of an attribute so far, frame by frame, read from disk where it is there."""
-        for _, (value,) in self._recorded([attribute.GetPath()]):
+        for _, (value,) in self._chunks.recorded([attribute.GetPath()]):
             yield value
 
     def close(self) -> None:
@@ -109,6 +114,14 @@ class Animation:
             SimulationFailed: it could not be written. The chunks stay where they are, and the error says where.
         """
         self._finish(self._path, None)
+        self._lock.release()
+
+    def discard(self) -> None:
+        """Give up what was written, as if it had never begun."""
+        if self._chunks.begun:
+            self._root.unlink(missing_ok=True)
+            self._chunks.remove()
+        self._lock.release()
 
     def __enter__(self) -> Animation:
         return self
@@ -117,194 +130,152 @@ class Animation:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """After an exception the frames so far become one file: under the name asked for, if nothing stands there."""
-        if error is None:
-            self.close()
-        elif self.frames:
-            self._finish(self._root if self._path.exists() else self._path, error)
+        try:
+            if error is None:
+                self.close()
+            elif self.frames:
+                self._finish(self._root if self._path.exists() else self._path, error)
+        finally:
+            self._lock.release()
 
-    # Chunks.
-
-    def _new_chunk(self) -> Sdf.Layer:
-        return declare(Sdf.Layer.CreateAnonymous(".usdc"), self._types)
-
-    def _add(self, values: Sequence[Any], time: float) -> None:
-        if self._last is not None and time <= self._last:
-            raise InputError(f"time code {time:g} is not later than {self._last:g}, that of the frame before")
-        for path, value in zip(self._types, values, strict=True):
-            self._chunk.SetTimeSample(path, time, value)
-        if not self._times:
-            self._shown_from.append(time if self._last is None else self._last)
-        self._times.append(time)
-        self._last = time
-        self.frames += 1
+    # While it grows.
 
     def _end_chunk(self) -> None:
         self._save()
-        self._begin_chunk()
-
-    def _begin_chunk(self) -> None:
-        """The full one is done with. The next repeats its last frame: between the two the motion goes on evenly."""
-        chunk = self._new_chunk()
-        for path in self._types:
-            chunk.SetTimeSample(path, self._last, self._chunk.QueryTimeSample(path, self._last))
-        self._chunk, self._times, self._full = chunk, [], self._full + 1
-
-    def _file(self, number: int) -> Path:
-        return self._folder / f"{number:06}.usdc"
+        self._chunks.begin_next()
 
     def _save(self) -> None:
         if self._kept < self.frames:
             self._take_place()
-            self._write_chunk()
-            self._write_root()
-
-    def _write_chunk(self) -> None:
-        with replacing(self._file(self._full), self._folder / "new.usdc", self._late) as temporary:
-            self._chunk.Export(str(temporary))
-
-    def _recorded(self, paths: Sequence[Sdf.Path]) -> Iterator[Frame]:
-        yield from _frames(map(_open, map(self._file, range(self._full))), paths)
-        for time in self._times:
-            yield time, [self._chunk.QueryTimeSample(path, time) for path in paths]
-
-    # The unfinished stage.
+            self._chunks.write()
+            self._write_root(self._chunks.last)
 
     def _take_place(self) -> None:
-        """Make the folder, in place of what an unfinished run left."""
-        if self._lock is not None:
+        """Make the folder of chunks, in place of what an unfinished run left."""
+        self._place.check()
+        if self._chunks.begun:
             return
-        left = self._folder.is_dir()
         try:
-            self._lock_folder()
-            if left:
-                self._root.unlink(missing_ok=True)
-                for file in self._folder.iterdir():
-                    file.unlink()
-        except (InputError, OSError) as error:
-            raise SimulationFailed(f"{self._folder} could not be written: {error}") from error
+            if self._chunks.folder.is_dir():
+                self._root.unlink(missing_ok=True)  # first: without it nobody takes chunks for frames
+                self._chunks.remove()
+            self._chunks.begin()
+        except OSError as error:
+            raise SimulationFailed(f"{self._chunks.folder} could not be written: {error}") from error
 
-    def _lock_folder(self) -> None:
-        self._folder.mkdir(exist_ok=True)
-        self._lock = FolderLock(self._folder)
+    def _write_root(self, last: float | None) -> None:
+        """The unfinished stage, of frames up to a time code."""
+        self._chunks.export(self._chunks.show(self._static(last)), self._root)
+        self._kept = self.frames
 
-    def _static(self) -> Sdf.Layer:
+    def _static(self, last: float | None) -> Sdf.Layer:
         """All that does not change with time."""
         self._before_saving()
         layer = Sdf.Layer.CreateAnonymous(".usda")
         layer.TransferContent(self._stage.GetRootLayer())
         declare(layer, self._types)
-        if self._shown_from:  # a stage may know a longer range
-            first, last = self._shown_from[0], self._last
+        mark(layer, self._identity)
+        if self.frames:  # a stage may know a longer range
+            first = self._chunks.shown_from[0]
             layer.startTimeCode = min(layer.startTimeCode, first) if layer.HasStartTimeCode() else first
             layer.endTimeCode = max(layer.endTimeCode, last) if layer.HasEndTimeCode() else last
         return layer
 
-    def _write_root(self) -> None:
-        layer = self._static()
-        files = [f"./{self._folder.name}/{self._file(number).name}" for number in range(len(self._shown_from))]
-        clips = {
-            "assetPaths": Sdf.AssetPathArray([Sdf.AssetPath(file) for file in files]),
-            "manifestAssetPath": Sdf.AssetPath(files[0]),  # which attributes there are
-            "active": Vt.Vec2dArray([(time, number) for number, time in enumerate(self._shown_from)]),
-        }
-        for prim in dict.fromkeys(path.GetPrefixes()[0] for path in self._types):
-            layer.GetPrimAtPath(prim).SetInfo("clips", {"default": {**clips, "primPath": str(prim)}})
-        with replacing(self._root, self._folder / f"new{self._root.suffix}", self._late) as temporary:
-            layer.Export(str(temporary))
-        self._kept = self.frames
-
-    # The end, and going on.
+    # The end.
 
     def _finish(self, path: Path, after: BaseException | None) -> None:
         """Merge everything into one file; `after` is the error that ended the run, if one did."""
         try:
-            if path == self._root and self._folder.is_dir():
+            self._place.check()
+            if path == self._root and self._chunks.folder.is_dir():
                 self._take_place()  # an unfinished run's, maybe
-            if self._lock is not None:
+            if self._chunks.begun:
                 self.flush()
             # The suffix decides the format, so the temporary name keeps it.
-            hidden = path.with_name(f".{self._path.stem}.{os.getpid()}{path.suffix}")
-            with replacing(path, self._folder / f"merged{path.suffix}" if self._lock else hidden) as temporary:
+            temporary = self._chunks.folder / f"merged{path.suffix}" if self._chunks.begun else hidden(self._path)
+            with replacing(path, temporary), as_os_error():
                 self._merge(temporary)
+                self._place.check()
             self.saved = path
-            if self._lock is not None:
+            if self._chunks.begun:
                 if path != self._root:
                     self._root.unlink(missing_ok=True)
-                shutil.rmtree(self._folder, ignore_errors=True)
+                self._chunks.remove()
         except SimulationFailed as failure:
-            kept = f"; the first {self._kept} frames are in {self._root}" if self._kept else ""
+            there = self._kept and self._place.there and self._chunks.there and self._root.exists()
+            kept = f"the first {self._kept} frames are in {self._root}" if there else ""
             told = after if isinstance(after, SimulationFailed) else failure
-            raise SimulationFailed(f"{told}{kept}") from (after or failure)
-        finally:
-            if self._lock is not None:
-                self._lock.release()
+            raise told.keeping(kept) from (after or failure)
 
     def _merge(self, file: Path) -> None:
-        paths = list(self._types)
-        static = self._static()
-        if self._full == 0:
-            for time, values in self._recorded(paths):
+        paths, recorded = list(self._types), self._chunks.recorded
+        static = self._static(self._chunks.last)
+        if self._chunks.full == 0:
+            for time, values in recorded(paths):
                 for path, value in zip(paths, values, strict=True):
                     static.SetTimeSample(path, time, value)
             static.Export(str(file))
         elif file.suffix == ".usda":
-            write_text(file, static, self._types, self._recorded)
+            write_text(file, static, self._types, recorded)
         else:
-            write_binary(file, static, paths, self._recorded(paths), lambda: self._late.add(file))
-            self._late.finish()
+            write_binary(file, static, paths, recorded(paths), lambda: self._chunks.late.add(file))
+            self._chunks.late.finish()
+
+    # Going on.
 
     def _resume(self, count: int) -> None:
         left = [path for path in (self._root, self._path) if path.exists()]
         if not left:
             raise InputError(f"there are no frames to go on from: neither {self._root} nor {self._path} exists")
-        source = max(left, key=lambda path: path.stat().st_mtime_ns)
-        try:
-            layer = Sdf.Layer.FindOrOpen(str(source))
-            layer.Reload()  # this process may have opened an older one
-            files = self._chunks_of(layer)
-            last = _open(files[-1]) if files else layer
-            whole = CHUNK * max(len(files) - 1, 0)
-            there = whole + min(len(_own_times(last, whole, path)) for path in self._types)
-            if there < count:
-                raise InputError(f"{source} holds {there} frames, fewer than the {count} to go on from")
-            if source == self._root:
-                self._lock_folder()
-            else:
-                self._take_place()
-            for time, values in islice(_frames(map(_open, files) if files else [layer], list(self._types)), count):
-                self._add(values, time)
-                if len(self._times) == CHUNK:
-                    if not files:
-                        self._write_chunk()
-                    self._begin_chunk()
-        except Tf.ErrorException as error:
-            raise InputError(f"{source} cannot be gone on from: {reason(error)}") from error
-        # Only now is what was there given up, as all of it that counts is in the chunks.
-        if self._times:
-            self._write_chunk()
-        self._write_root()
-        for file in self._folder.iterdir():
-            if file.name > self._file(len(self._shown_from) - 1).name:
-                file.unlink()
+        refused = []
+        for source in left:
+            try:
+                layer, times = self._open(source, count)
+            except InputError as error:
+                refused.append(str(error))
+                continue
+            try:
+                return self._resume_layer(layer, source, count) if times is None else self._resume_chunks(times, count)
+            except Tf.ErrorException as error:
+                raise InputError(f"{source} cannot be gone on from: {reason(error)}") from error
+        raise InputError("; ".join(refused))
 
-    def _chunks_of(self, layer: Sdf.Layer) -> list[Path]:
-        """The files of an unfinished stage; none of a finished one."""
-        prim = layer.GetPrimAtPath(next(iter(self._types)).GetPrefixes()[0])
-        clips = prim.GetInfo("clips") if prim else None
-        return [self._file(number) for number in range(len(clips["default"]["assetPaths"]))] if clips else []
+    def _open(self, source: Path, count: int) -> tuple[Sdf.Layer, list[list[float]] | None]:
+        """What holds at least `count` frames of this run: a layer, and the time codes of its chunks, if it has some."""
+        layer = open_root(source)
+        check_identity(layer, self._identity, source)
+        shown = self._chunks.shown_by(layer)
+        times = self._chunks.times_on_disk(shown) if shown else None
+        there = len(common_times(layer, self._types)) if times is None else sum(map(len, times))
+        if there < count:
+            raise InputError(f"{source} holds {there} frames, fewer than the {count} to go on from")
+        return layer, times
 
+    def _resume_chunks(self, times: list[list[float]], count: int) -> None:
+        """From an unfinished stage. At each moment it shows frames without a gap, and at least `count` of them."""
+        self._chunks.adopt(times, count)
+        # First the chunks that stay, as they are on disk: no later one may follow one that gets shorter.
+        self._write_root(times[len(self._chunks.shown_from) - 1][-1])
+        self._chunks.late.finish()
+        self._go_on()
 
-def _open(file: Path) -> Sdf.Layer:
-    """Not through USD's registry of layers, which might give an older one of that name."""
-    return Sdf.Layer.OpenAsAnonymous(str(file))
+    def _resume_layer(self, layer: Sdf.Layer, source: Path, count: int) -> None:
+        """From a file that holds its frames itself; it stays what it is until there are chunks of them."""
+        if source == self._root:
+            self._chunks.begin()
+        else:
+            self._take_place()
+        for time, values in islice(frames_of(layer, list(self._types)), count):
+            if self._chunks.is_full:
+                self._chunks.write()
+                self._chunks.begin_next()
+            self._chunks.add(values, time)
+        self._go_on()
 
-
-def _own_times(chunk: Sdf.Layer, before: int, path: Sdf.Path) -> list[float]:
-    """The time codes of a chunk's frames, without the one that it repeats if there are chunks before."""
-    return chunk.ListTimeSamplesForPath(path)[1 if before else 0 :]
-
-
-def _frames(chunks: Iterable[Sdf.Layer], paths: Sequence[Sdf.Path]) -> Iterator[Frame]:
-    for number, chunk in enumerate(chunks):
-        for time in _own_times(chunk, number, paths[0]):
-            yield time, [chunk.QueryTimeSample(path, time) for path in paths]
+    def _go_on(self) -> None:
+        """Bring what is gone on from to the disk, and drop what is beyond."""
+        self._chunks.write()
+        self._write_root(self._chunks.last)
+        self._chunks.remove(len(self._chunks.shown_from))
+        if self._chunks.is_full:
+            self._chunks.begin_next()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ FRAMES_AT_ONCE = 32
 """So many frames of one attribute are in memory as text."""
 
 
-def declare(layer: Sdf.Layer, types: dict[Sdf.Path, Sdf.ValueTypeName]) -> Sdf.Layer:
+def declare(layer: Sdf.Layer, types: Mapping[Sdf.Path, Sdf.ValueTypeName]) -> Sdf.Layer:
     """The layer, in which these attributes now are."""
     for path, type_name in types.items():
         if not layer.GetAttributeAtPath(path):

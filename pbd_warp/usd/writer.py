@@ -10,37 +10,33 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
-from pxr import Gf, Kind, Usd, UsdGeom, UsdLux, Vt
+from pxr import Gf, Kind, Usd, UsdGeom, Vt
 
 from pbd_warp import check
 from pbd_warp.errors import InputError, SimulationFailed
-from pbd_warp.kernels.collider import SPHERE
-from pbd_warp.model.model import Colliders, Model, State
+from pbd_warp.identity import Identity
+from pbd_warp.model.model import Model, State
+from pbd_warp.paths import check_file
 from pbd_warp.usd.animation import Animation
+from pbd_warp.usd.space import Space
+from pbd_warp.usd.surroundings import Surroundings
 
 EXTENSIONS = (".usda", ".usdc", ".usd")
 
 PARTICLE_COLOUR = (0.85, 0.45, 0.2)
 FIXED_COLOUR = (0.15, 0.15, 0.2)
 ROPE_COLOUR = (0.25, 0.45, 0.75)
-COLLIDER_COLOUR = (0.55, 0.55, 0.55)
 
 SHOWN_WIDTH = 0.3
 """Particles without a radius are drawn this wide, relative to the median link."""
 
-CAMERA_MARGIN = 1.15
-"""How much more than the motion the camera sees."""
-
 
 def check_path(path: str | os.PathLike[str]) -> Path:
-    """The path as one that a stage can be written to, or an InputError that says why it is none."""
+    """The file that a stage can be written to there, through links, or an InputError that says why there is none."""
     out = Path(path)
     if out.suffix not in EXTENSIONS:
         raise InputError(f"{out} must end in one of {', '.join(EXTENSIONS)}, not in {out.suffix or 'nothing'!r}")
-    if out.is_dir():
-        raise InputError(f"{out} is a folder; name a file in it")
-    check.folder(out.parent)
-    return out
+    return check_file(out, added=".partial.frames")
 
 
 class UsdWriter:
@@ -58,6 +54,9 @@ class UsdWriter:
         fps: Frames, and time codes, a second.
         metadata: Provenance, kept as customLayerData: names to strings or numbers.
         resume: Go on after so many frames of what lies on disk; frames beyond are dropped.
+        up_axis: "Y", as models have it, or "Z": everything is turned with it.
+        meters_per_unit: Of the numbers in the file; models are in metres.
+        identity: Of the run; only files that carry the same are gone on from.
 
     Attributes:
         frames: Frames written so far.
@@ -65,7 +64,7 @@ class UsdWriter:
 
     Raises:
         InputError: an unknown extension, a folder that does not exist or cannot be written to, fps <= 0, fewer frames
-            on disk than `resume`, another process that is writing to the path.
+            on disk than `resume`, another process that is writing to the path, an axis or a unit that is none.
     """
 
     def __init__(
@@ -75,14 +74,18 @@ class UsdWriter:
         fps: float = 60.0,
         metadata: Mapping[str, str | int | float] | None = None,
         resume: int | None = None,
+        up_axis: str = "Y",
+        meters_per_unit: float = 1.0,
+        identity: Identity | None = None,
     ):
         self._path = check_path(path)
         self._model = model
+        self._space = space = Space(up_axis, meters_per_unit)
 
         self._stage = stage = Usd.Stage.CreateInMemory()
         fps = check.number("fps", fps, above=0.0)
-        UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-        UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+        UsdGeom.SetStageUpAxis(stage, space.up_axis)
+        UsdGeom.SetStageMetersPerUnit(stage, space.meters_per_unit)
         stage.SetTimeCodesPerSecond(fps)
         stage.SetFramesPerSecond(fps)
         stage.SetStartTimeCode(0)
@@ -93,7 +96,7 @@ class UsdWriter:
         Usd.ModelAPI(world).SetKind(Kind.Tokens.component)
         stage.SetDefaultPrim(world.GetPrim())
 
-        width = shown_widths(model)
+        width = space.length(shown_widths(model))
         self._geometry = [self._define_points(width)]
         loose = loose_edges(model)
         if model.ropes:
@@ -102,8 +105,8 @@ class UsdWriter:
             self._geometry.append(self._define_curves("Edges", list(model.distance.edge[loose]), 0.5 * width))
 
         attributes = [attribute for geometry in self._geometry for attribute in geometry.attributes]
-        self._surroundings = _Surroundings(stage, model.colliders)
-        self._animation = Animation(self._path, stage, attributes, resume, self._surroundings.define)
+        self._surroundings = Surroundings(stage, model.colliders, space)
+        self._animation = Animation(self._path, stage, attributes, resume, self._surroundings.define, identity)
         for extent in self._animation.values(self._geometry[0].extent):
             self._surroundings.include(extent)
 
@@ -121,7 +124,7 @@ class UsdWriter:
         Raises:
             SimulationFailed: a position or velocity is not finite (extents would silently leave it out).
         """
-        x, v = (np.ascontiguousarray(a.numpy(), dtype=np.float32) for a in (state.x, state.v))
+        x, v = (np.ascontiguousarray(self._space(a.numpy()), dtype=np.float32) for a in (state.x, state.v))
         if not (np.isfinite(x).all() and np.isfinite(v).all()):
             raise SimulationFailed(f"frame {self.frames} is not finite and was not written to {self._path}")
         everything = _usd_vectors(x), _usd_vectors(v)
@@ -173,72 +176,6 @@ class UsdWriter:
         return _Geometry(curves, index, width[index], self._model.particle_count)
 
 
-class _Surroundings:
-    """Colliders, camera and light, which depend on where the motion goes."""
-
-    def __init__(self, stage: Usd.Stage, colliders: Colliders):
-        self._stage = stage
-        self._colliders = colliders
-        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
-
-    def include(self, extent: Vt.Vec3fArray) -> None:
-        """The motion goes here too."""
-        self._low = np.minimum(self._low, extent[0])
-        self._high = np.maximum(self._high, extent[1])
-
-    def define(self) -> None:
-        """Define them for the motion so far."""
-        if self._low[0] > self._high[0]:
-            return  # no frame yet, or those that are resumed are still to be read
-        for name in ("Colliders", "Camera", "Light"):
-            self._stage.RemovePrim(f"/World/{name}")
-        centre = 0.5 * (self._low + self._high)
-        # A single resting particle still has a surrounding.
-        size = np.maximum(self._high - self._low, 1e-3)
-        self._define_colliders(centre, float(2.0 * np.linalg.norm(size)))
-        self._define_camera(centre, size)
-        light = UsdLux.DistantLight.Define(self._stage, "/World/Light")
-        light.CreateIntensityAttr(3.0)
-        light.AddRotateXYZOp().Set(Gf.Vec3f(-40, 25, 0))
-
-    def _define_colliders(self, centre: np.ndarray, size: float) -> None:
-        c = self._colliders
-        if len(c.kind):
-            UsdGeom.Scope.Define(self._stage, "/World/Colliders")
-        for number, (kind, point, normal, radius) in enumerate(zip(c.kind, c.centre, c.normal, c.size, strict=True)):
-            gprim: UsdGeom.Gprim
-            if kind == SPHERE:
-                gprim = UsdGeom.Sphere.Define(self._stage, f"/World/Colliders/Sphere_{number}")
-                gprim.CreateRadiusAttr(float(radius))
-                gprim.AddTranslateOp().Set(Gf.Vec3d(*point))
-            else:
-                gprim = UsdGeom.Plane.Define(self._stage, f"/World/Colliders/Plane_{number}")
-                gprim.CreateAxisAttr(UsdGeom.Tokens.z)
-                gprim.CreateWidthAttr(size)
-                gprim.CreateLengthAttr(size)
-                # The part of the infinite plane that lies nearest to the motion.
-                foot = centre - normal * ((centre - point) @ normal)
-                gprim.AddTranslateOp().Set(Gf.Vec3d(*foot))
-                rotation = Gf.Rotation(Gf.Vec3d.ZAxis(), Gf.Vec3d(*normal))
-                gprim.AddOrientOp().Set(Gf.Quatf(rotation.GetQuat()))
-            gprim.CreateExtentAttr(UsdGeom.Boundable.ComputeExtentFromPlugins(gprim, Usd.TimeCode.Default()))
-            gprim.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(*COLLIDER_COLOUR)])
-
-    def _define_camera(self, centre: np.ndarray, size: np.ndarray) -> None:
-        """Face-on: looks along the axis in which the motion is flattest."""
-        camera = UsdGeom.Camera.Define(self._stage, "/World/Camera")
-        flat = flattest_axis(size)
-        right, up = ((2, 1), (0, 2), (0, 1))[flat]
-        half_width = 0.5 * camera.GetHorizontalApertureAttr().Get() / camera.GetFocalLengthAttr().Get()
-        half_height = 0.5 * camera.GetVerticalApertureAttr().Get() / camera.GetFocalLengthAttr().Get()
-        distance = CAMERA_MARGIN * 0.5 * max(size[right] / half_width, size[up] / half_height) + 0.5 * size[flat]
-        eye = centre.copy()
-        eye[flat] += distance
-        camera.CreateClippingRangeAttr(Gf.Vec2f(float(0.01 * distance), float(100.0 * distance)))
-        camera.AddTranslateOp().Set(Gf.Vec3d(*eye))
-        camera.AddRotateXYZOp().Set((Gf.Vec3f(0, 90, 0), Gf.Vec3f(-90, 0, 0), Gf.Vec3f(0, 0, 0))[flat])
-
-
 class _Geometry:
     """A UsdGeom.Points or BasisCurves whose points are the particles of `index`."""
 
@@ -266,11 +203,6 @@ def _usd_vectors(rows: np.ndarray) -> Vt.Vec3fArray:
     vectors = Vt.Vec3fArray(len(rows))
     ctypes.memmove(np.asarray(vectors).ctypes.data, rows.ctypes.data, rows.nbytes)  # nothing else refers to it yet
     return vectors
-
-
-def flattest_axis(size: np.ndarray) -> int:
-    """The axis to look along; of equal ones the later, so z before y before x. size: extents [3]."""
-    return 2 - int(np.argmin(size[::-1]))
 
 
 def loose_edges(model: Model) -> np.ndarray:

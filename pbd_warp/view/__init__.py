@@ -1,5 +1,6 @@
-"""The live view: a scene that runs in real time, and a page in the browser on which a mouse leads its particles.
+"""The live view: a scene that runs in real time, and a page in the browser on which a mouse drags its particles.
 
-session.py runs the scene, messages.py checks what pages say, server.py connects them (it alone needs the extra `view`),
-page/ is what the browser gets.
+session.py runs the scene (history.py: what it keeps, changes.py: how it is changed); messages.py checks what pages say,
+report.py is what they are told, turn.py does both in the simulating thread; server.py connects them (access.py: who
+may, connection.py: one page, saving.py: files); page/ is what the browser gets.
 """

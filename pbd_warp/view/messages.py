@@ -7,31 +7,35 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
-from pbd_warp.grab.camera import Camera
+from pbd_warp.grab.drawing import DrawnRope
+from pbd_warp.view.changes import CHANGES, parse_changes
+from pbd_warp.view.values import boolean, text, vector, whole
 
-LARGEST = 4096
+LARGEST = 16384
 """Characters of a message."""
 
-MOST_SUBSTEPS, MOST_ITERATIONS = 512, 512
-MOST_GRAVITY = 1000.0  # m/s^2
+FARTHEST = 1e6
+"""A target beyond this [m] is a mistake: what is dragged there would be lost to rounding."""
+
+MOST_OF_A_PARAMETER = 20_000
+"""Largest number that a page may give for a parameter of a scene: mostly it counts particles."""
 
 
 @dataclass(frozen=True)
-class Click:
-    """A button pressed and released at a place on the screen [px]: select, or let go."""
+class Select:
+    """Grab a particle that is seen in a frame of a model (`Session.generation`)."""
 
-    camera: Camera
-    at: tuple[float, float]
+    particle: int
+    frame: int
+    generation: int
 
 
 @dataclass(frozen=True)
 class Move:
-    """The cursor is at a place on the screen [px]."""
+    """Where the grabbed particle is to be [m]."""
 
-    camera: Camera
-    at: tuple[float, float]
+    position: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -55,6 +59,20 @@ class Reset:
 
 
 @dataclass(frozen=True)
+class Rewind:
+    """Pause, and show a frame that was; what is done next goes on from there."""
+
+    frame: int
+
+
+@dataclass(frozen=True)
+class Record:
+    """Begin to keep frames, or end it."""
+
+    on: bool
+
+
+@dataclass(frozen=True)
 class Change:
     """Other settings: arguments of `Settings.changed`."""
 
@@ -62,10 +80,19 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Load:
-    """Another scene, or the present one as it was at first."""
+class Open:
+    """Another scene, or the present one as it was at first, with parameters and with changes of its settings."""
 
     scene: str
+    parameters: Mapping[str, str]
+    changes: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Rope:
+    """Add a rope and start over."""
+
+    rope: DrawnRope
 
 
 @dataclass(frozen=True)
@@ -75,21 +102,21 @@ class Seen:
     count: int
 
 
-Message = Click | Move | Release | Pause | Step | Reset | Change | Load | Seen
+Message = Select | Move | Release | Pause | Step | Reset | Rewind | Record | Change | Open | Rope | Seen
 
 
-def parse(text: str | bytes) -> Message:
+def parse(said: str | bytes) -> Message:
     """The message of a page.
 
     Raises:
         InputError: anything else.
     """
-    if isinstance(text, bytes):
+    if isinstance(said, bytes):
         raise InputError("a message must be text")
-    if len(text) > LARGEST:
+    if len(said) > LARGEST:
         raise InputError(f"a message must have at most {LARGEST} characters")
     try:
-        data = json.loads(text)
+        data = json.loads(said)
     except (ValueError, RecursionError):
         raise InputError("a message must be JSON") from None
     if not isinstance(data, dict):
@@ -100,102 +127,49 @@ def parse(text: str | bytes) -> Message:
     fields, make = _PARSERS[kind]
     if set(data) != set(fields):
         raise InputError(f"message {kind} must have {', '.join(fields) or 'nothing else'}")
-    return make(*(data[field] for field in fields))
-
-
-def _camera(data: Any) -> Camera:
-    names = ("eye", "forward", "up", "field_of_view", "size")
-    if not isinstance(data, dict) or set(data) != set(names):
-        raise InputError(f"camera must have {', '.join(names)}")
-    eye, forward, up = (_numbers(f"camera: {name}", data[name], 3) for name in names[:3])
-    return Camera(
-        *(eye, forward, up), _number("camera: field_of_view", data["field_of_view"]), _numbers("size", data["size"], 2)
-    )
-
-
-def _number(name: str, value: Any) -> float:
-    """A number that is written as one: neither a text nor true or false."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise InputError(f"{name} must be a number")
-    return check.number(name, value)
-
-
-def _numbers(name: str, values: Any, count: int) -> list[float]:
-    if not isinstance(values, list) or len(values) != count:
-        raise InputError(f"{name} must be {count} numbers")
-    return [_number(name, value) for value in values]
-
-
-def _at(camera: Any, at: Any) -> tuple[Camera, tuple[float, float]]:
-    seen_by = _camera(camera)
-    x, y = seen_by.place(_numbers("at", at, 2)).tolist()
-    return seen_by, (x, y)
-
-
-def _pause(on: Any) -> Pause:
-    if not isinstance(on, bool):
-        raise InputError("pause must be true or false")
-    return Pause(on)
-
-
-def _load(scene: Any) -> Load:
-    if not isinstance(scene, str):
-        raise InputError("scene must be a text")
-    return Load(scene)
-
-
-def _text(name: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise InputError(f"{name} must be a text")
-    return value
-
-
-def _up_to(most: int) -> Callable[[str, Any], int]:
-    def parse_whole(name: str, value: Any) -> int:
-        if check.whole(name, value, low=1) > most:
-            raise InputError(f"{name} must be at most {most} in a live view, not {value}")
-        return int(value)
-
-    return parse_whole
-
-
-def _part(name: str, value: Any) -> float:
-    return check.number(name, _number(name, value), low=0.0, high=1.0)
-
-
-def _gravity(name: str, value: Any) -> tuple[float, float, float]:
-    x, y, z = (check.number(name, c, low=-MOST_GRAVITY, high=MOST_GRAVITY) for c in _numbers(name, value, 3))
-    return x, y, z
-
-
-_CHANGES: dict[str, Callable[[str, Any], Any]] = {
-    "method": _text,
-    "integrator": _text,
-    "substeps": _up_to(MOST_SUBSTEPS),
-    "iterations": _up_to(MOST_ITERATIONS),
-    "damping": _part,
-    "stiffness": _part,
-    "gravity": _gravity,
-}
+    return make(**data)
 
 
 def _change(changes: Any) -> Change:
-    if not isinstance(changes, dict) or not changes:
-        raise InputError(f"changes must be an object with some of {', '.join(_CHANGES)}")
-    for name in changes:
-        if name not in _CHANGES:
-            raise unknown("setting", name, _CHANGES)
-    return Change({name: _CHANGES[name](name, value) for name, value in changes.items()})
+    if not changes:
+        raise InputError(f"changes must be an object with some of {', '.join(CHANGES)}")
+    return Change(parse_changes(changes))
+
+
+def _open(scene: Any, parameters: Any, changes: Any) -> Open:
+    if not isinstance(parameters, dict) or not all(isinstance(value, str) for value in parameters.values()):
+        raise InputError("parameters must be an object of texts")
+    for name, value in parameters.items():
+        try:
+            size = abs(float(value))
+        except ValueError:
+            continue  # a word; the scene says whether it knows it
+        if not size <= MOST_OF_A_PARAMETER:
+            raise InputError(f"parameter {name} must be at most {MOST_OF_A_PARAMETER} in a live view, not {value}")
+    return Open(text("scene", scene), parameters, parse_changes(changes))
+
+
+def _rope(points: Any, pinned: Any) -> Rope:
+    if not isinstance(points, list):
+        raise InputError("points must be a list")
+    places = [list(vector("a point of the rope", point, FARTHEST)) for point in points]
+    return Rope(DrawnRope.from_json({"points": places, "pinned": pinned}))
 
 
 _PARSERS: dict[str, tuple[tuple[str, ...], Callable[..., Message]]] = {
-    "click": (("camera", "at"), lambda camera, at: Click(*_at(camera, at))),
-    "move": (("camera", "at"), lambda camera, at: Move(*_at(camera, at))),
+    "select": (
+        ("particle", "frame", "generation"),
+        lambda **given: Select(**{name: whole(name, value) for name, value in given.items()}),
+    ),
+    "move": (("position",), lambda position: Move(vector("position", position, FARTHEST))),
     "release": ((), Release),
-    "pause": (("on",), _pause),
+    "pause": (("on",), lambda on: Pause(boolean("pause", on))),
     "step": ((), Step),
     "reset": ((), Reset),
+    "rewind": (("frame",), lambda frame: Rewind(whole("frame", frame))),
+    "record": (("on",), lambda on: Record(boolean("record", on))),
     "change": (("changes",), _change),
-    "load": (("scene",), _load),
-    "seen": (("count",), lambda count: Seen(check.whole("count", count, low=0))),
+    "open": (("scene", "parameters", "changes"), _open),
+    "rope": (("points", "pinned"), _rope),
+    "seen": (("count",), lambda count: Seen(whole("count", count))),
 }

@@ -4,38 +4,34 @@ from __future__ import annotations
 
 import struct
 import time
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from pbd_warp.cost import cost_sheet
 from pbd_warp.errors import InputError, SimulationFailed, unknown
+from pbd_warp.grab.drawing import DrawnRope, with_ropes
 from pbd_warp.grab.grabber import Grabber
-from pbd_warp.grab.recording import CHANGE, Recording, interactive, summary
-from pbd_warp.measure import measure
+from pbd_warp.grab.recording import CHANGE, Recording, summary
+from pbd_warp.run import provenance
 from pbd_warp.scene import Scene, load_scene, scene_names
 from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
-from pbd_warp.step.integrators import INTEGRATORS
-from pbd_warp.step.methods import METHODS, Direct
-from pbd_warp.usd.writer import shown_widths
 from pbd_warp.view import messages as say
-from pbd_warp.view.surroundings import describe
+from pbd_warp.view.changes import changed, pulling
+from pbd_warp.view.history import Clip, Frames
 
-HEADER = struct.Struct("<IIiI")
-"""Of a frame: generation, frame, the held particle or -1, the page that holds it or 0; then positions, float32 xyz."""
-
-MOST_SWEEPS = 8192
-"""Substeps times iterations. Above, a change of settings takes seconds: a frame is captured launch by launch."""
+HEADER = struct.Struct("<IIiI3f")
+"""Of a frame: generation, frame, the grabbed particle or -1, the page that holds it or 0, where it is pulled to [m];
+then positions, float32 xyz."""
 
 SMOOTHING = 0.1
 """Of the time a frame takes: the weight of the newest."""
 
 
 class Session:
-    """One scene at a time, simulated with settings that may change, led by one hand, recorded from its initial state.
+    """One scene at a time, simulated with settings that may change, dragged by one page at a time, recorded from its
+    initial state. `begin` builds the simulation, and must come first.
 
     Not for several threads at once: whoever has several calls it from one at a time.
 
@@ -48,11 +44,10 @@ class Session:
         paused: Whether `advance` does nothing.
         failure: Why the simulation has stopped, None while it has not.
         generation: Counts models: what belongs to another one is out of date.
-        holder: The page whose hand it is, None while it holds nothing.
+        holder: The page that holds a particle, None while none does.
         recording: What was done since the initial state.
-
-    Raises:
-        InputError: what the scene's model or simulation refuse.
+        clip: The frames that were kept last, None before that.
+        notes: Sentences for all pages, which whoever shows them takes out.
     """
 
     def __init__(
@@ -64,16 +59,28 @@ class Session:
         seed: int | None = None,
         parameters: Mapping[str, str] | None = None,
     ):
-        self._first = scene
-        self._sources = {name: name for name in scene_names()} | {scene.name: source}
-        self._made_from = seed, dict(parameters or {})
-        self._device, self._dtype = device, dtype
+        self.scene, self._first = scene, scene
+        self.sources = {name: name for name in scene_names()} | {scene.name: source}
+        self.made_from = self._first_made_from = seed, dict(parameters or {})
+        self._device, self.dtype = device, dtype
         self.paused = False
         self.generation = 0
         self.holder: int | None = None
         self.failure: str | None = None
+        self.clip: Clip | None = None
+        self.notes: list[str] = []
+        self.seconds = 0.0
         self.recording: Recording
-        self._open(scene)
+        self._kept_from: int | None = None
+        self._back: int | None = None
+
+    def begin(self) -> None:
+        """Build the first simulation; compiles what is not compiled yet.
+
+        Raises:
+            InputError: what the scene's model or simulation refuse.
+        """
+        self._open(self.scene, pulling(self.scene.settings), self.made_from, [], self.dtype)
 
     def advance(self) -> bool:
         """Simulate a frame, unless paused or stopped; whether there is a new one."""
@@ -91,25 +98,34 @@ class Session:
             InputError: it cannot be done; nothing has changed.
         """
         match message:
-            case say.Click():
-                self._click(who, message)
+            case say.Select():
+                self._select(who, message)
             case say.Move():
                 if who == self.holder:
-                    self.grabber.hover(message.camera, message.at)
+                    self.grabber.move(message.position)
             case say.Release():
                 self.leave(who)
             case say.Pause():
                 self.paused = message.on
+                if not message.on:
+                    self._return()
             case say.Step():
                 self._refuse_if_stopped()
                 self.paused = True
                 self._step()
             case say.Reset():
-                self._begin(self.settings)
+                self._start(self.settings, Simulation(self.model, self.settings))
+            case say.Rewind():
+                self._rewind(message.frame)
+            case say.Record():
+                self._record(message.on)
             case say.Change():
                 self._change(message.changes)
-            case say.Load():
-                self._load(message.scene)
+            case say.Open():
+                self._load(message)
+            case say.Rope():
+                ropes = [*self.recording.ropes, message.rope]
+                self._open(self.scene, self.settings, self.made_from, ropes, self.dtype)
 
     def leave(self, who: int) -> None:
         """Let go of what a page holds."""
@@ -119,86 +135,77 @@ class Session:
 
     @property
     def frame(self) -> int:
-        """Frames done since the initial state."""
-        return self.recording.frames - 1
+        """Frames done since the initial state, or the one that was gone back to."""
+        return self.frames.last if self._back is None else self._back
+
+    @property
+    def kept(self) -> int | None:
+        """Frames kept so far, None while none are to be."""
+        return None if self._kept_from is None else self.frames.last - self._kept_from + 1
 
     def positions(self) -> np.ndarray:
-        """Of the last frame that went well [m], float32 [particle_count, 3]."""
-        return self._positions
+        """Of the last frame that went well, or of the one gone back to [m], float32 [particle_count, 3]."""
+        return self.frames.at(self.frame)[0].astype(np.float32)
 
     def packet(self) -> bytes:
         """The last frame as pages get it: HEADER, positions."""
         held = -1 if self.grabber.particle is None else self.grabber.particle
-        return HEADER.pack(self.generation, self.frame, held, self.holder or 0) + self._positions.tobytes()
+        target = np.zeros(3) if self.sim.held_target is None else self.sim.held_target
+        return HEADER.pack(self.generation, self.frame, held, self.holder or 0, *target) + self.positions().tobytes()
 
-    def description(self) -> dict[str, Any]:
-        """What pages need to know of a scene once."""
-        return {
-            "generation": self.generation,
-            "scene": self.scene.name,
-            "scenes": sorted(self._sources),
-            "methods": list(METHODS),
-            "integrators": list(INTEGRATORS),
-            "fps": self.scene.fps,
-            **describe(self.model),
-        }
+    def clip_now(self) -> Clip:
+        """What is to be saved: the frames that are kept, or were kept last; without any, the last ten seconds."""
+        if self._kept_from is not None:
+            return self._clip(self._kept_from)
+        return self.clip or self._clip(self.frames.first)
 
-    def status(self) -> dict[str, Any]:
-        """What pages show in figures. None is what is not finite, or not there."""
-        with np.errstate(all="ignore"):
-            now = measure(self.sim)
-        settings = self.settings
-        return {
-            "frame": self.frame,
-            "time": self.frame * self.sim.dt,
-            "paused": self.paused,
-            "failure": self.failure,
-            "ms": 1e3 * self._seconds,
-            "max_stretch": _finite(now.max_stretch),
-            "residual": _finite(now.residual),
-            "energy": _finite(now.energy),
-            "settings": {
-                "method": settings.method.name,
-                "iterations": settings.method.iterations,
-                "integrator": settings.integrator,
-                "substeps": settings.substeps,
-                "damping": settings.damping,
-                "stiffness": self._stiffness(),
-                "gravity": self.sim.model.gravity.tolist(),
-            },
-            "cost": self._cost,
-        }
+    def _clip(self, first: int) -> Clip:
+        about = provenance(self.scene.changed(settings=self.settings), self.model)
+        return Clip(self.scene.name, self.model, self.scene.fps, self.frames.since(first), about)
 
-    def save(self, path: Path) -> None:
-        """Write the recording."""
-        self.recording.save(path)
-
-    def _open(self, scene: Scene) -> None:
-        model = scene.builder.finalize(device=self._device, dtype=self._dtype)
-        settings = interactive(scene.settings)
+    def _open(
+        self,
+        scene: Scene,
+        settings: Settings,
+        made_from: tuple[int | None, dict[str, str]],
+        ropes: Sequence[DrawnRope],
+        dtype: str,
+    ) -> None:
+        """Another model."""
+        model = with_ropes(scene, ropes).builder.finalize(device=self._device, dtype=dtype)
         sim = Simulation(model, settings)
-        self.scene, self.model = scene, model
+        self._record(False)
+        self.scene, self.model, self.made_from, self.dtype = scene, model, made_from, dtype
         self.generation += 1
-        self._start(settings, sim)
+        self._start(settings, sim, ropes)
 
-    def _begin(self, settings: Settings) -> None:
-        self._start(settings, Simulation(self.model, settings))
-
-    def _start(self, settings: Settings, sim: Simulation) -> None:
+    def _start(self, settings: Settings, sim: Simulation, ropes: Sequence[DrawnRope] | None = None) -> None:
         """From the initial state, with a recording of its own."""
+        self._record(False)
+        ropes = self.recording.ropes if ropes is None else list(ropes)
         self._use(settings, sim)
         self.grabber = Grabber(sim, lambda gesture, value: self.recording.note(self.frame, gesture, value))
-        self.holder = self.failure = None
-        seed, parameters = self._made_from if self.scene is self._first else (None, {})
-        self.recording = Recording(*(self.scene.name, seed, parameters, summary(self.model), self._dtype, settings))
-        self._positions = self.sim.state.x.numpy().astype(np.float32)
+        self.holder = self.failure = self._back = None
+        seed, parameters = self.made_from
+        known = summary(self.model)
+        self.recording = Recording(self.scene.name, seed, parameters, known, self.dtype, settings, ropes=ropes)
+        self.frames = Frames(self.scene.fps)
+        self._keep_state()
 
     def _use(self, settings: Settings, sim: Simulation) -> None:
         self.settings, self.sim = settings, sim
-        self._cost = cost_sheet(sim)
-        self._seconds = 0.0
+        self.seconds = 0.0
+
+    def _keep_state(self) -> None:
+        self.frames.add(self.sim.state.x.numpy(), self.sim.state.v.numpy())
+        if self.frames.keep and self.frames.full:
+            self._record(False)
+            self.notes.append(
+                f"recording has ended: there is no room for more than {len(self.clip_now().states)} frames"
+            )
 
     def _step(self) -> bool:
+        self._return()
         start = time.perf_counter()
         try:
             self.sim.step()
@@ -206,69 +213,88 @@ class Session:
             self.failure = str(error)
             self.holder = None
             return False
-        self._positions = self.sim.state.x.numpy().astype(np.float32)
         seconds = time.perf_counter() - start
-        self._seconds += (SMOOTHING if self._seconds else 1.0) * (seconds - self._seconds)
+        self._keep_state()
+        self.seconds += (SMOOTHING if self.seconds else 1.0) * (seconds - self.seconds)
         self.recording.frames += 1
         return True
 
-    def _click(self, who: int, click: say.Click) -> None:
+    def _select(self, who: int, wanted: say.Select) -> None:
         self._refuse_if_stopped()
         if self.holder not in (None, who):
             raise InputError(f"page {self.holder} is dragging; wait until it lets go")
-        self.grabber.click(click.camera, click.at, self._radius())
-        self.holder = who if self.grabber.particle is not None else None
+        if wanted.generation != self.generation or wanted.frame > self.frame:
+            raise InputError("what was clicked is there no more: the scene has started anew meanwhile")
+        self._return()
+        self.grabber.select(wanted.particle)
+        self.holder = who
+        if self.settings.grab_acceleration is not None and wanted.frame >= self.frames.first:
+            self.grabber.move(self.frames.at(wanted.frame)[0][wanted.particle])  # where it was seen: under the cursor
 
     def _change(self, changes: Mapping[str, Any]) -> None:
-        new = self._changed(**changes)
-        if changes.keys() & {"method", "iterations", "substeps"}:
-            sweeps = new.whole_substeps * new.method.iterations
-            if sweeps > MOST_SWEEPS:
-                raise InputError(
-                    f"{new.substeps} substeps of {new.method.iterations} iterations are too much for a live view; "
-                    f"their product must be at most {MOST_SWEEPS}"
-                )
-        if self.failure is not None:
-            self._begin(new)  # there is no state to go on from
+        others = {name: value for name, value in changes.items() if name != "dtype"}
+        new = changed(self.settings, self.scene.settings, **others)
+        dtype = changes.get("dtype", self.dtype)
+        if dtype != self.dtype:
+            self._open(self.scene, new, self.made_from, self.recording.ropes, dtype)
+        elif self.failure is not None:
+            self._start(new, Simulation(self.model, new))  # there is no state to go on from
+        else:
+            self._return()
+            sim = self.sim.continue_with(new)
+            self._use(new, sim)
+            self.grabber.sim = sim
+            self.recording.note(self.frame, CHANGE, new)
+
+    def _load(self, wanted: say.Open) -> None:
+        if wanted.scene not in self.sources:
+            raise unknown("scene", wanted.scene, self.sources)
+        scene, made_from = self._first, self._first_made_from
+        if wanted.scene != scene.name or wanted.parameters:
+            made_from = None, dict(wanted.parameters)
+            scene = load_scene(self.sources[wanted.scene], None, wanted.parameters)
+        changes = {name: value for name, value in wanted.changes.items() if name != "dtype"}
+        settings = changed(pulling(scene.settings), scene.settings, **changes)
+        self._open(scene, settings, made_from, [], wanted.changes.get("dtype", self.dtype))
+
+    def _rewind(self, frame: int) -> None:
+        """Show a frame that was; nothing is lost yet."""
+        self.frames.at(frame)
+        if self.holder is not None:
+            self.leave(self.holder)
+        self.paused = True
+        self._back = frame if frame != self.frames.last or self.failure is not None else None
+
+    def _return(self) -> None:
+        """Go on from the frame gone back to: let go, and begin integrator and method anew, as a replay does."""
+        if self._back is None:
             return
-        sim = self.sim.continue_with(new)
-        self._use(new, sim)
-        self.grabber.sim = sim
-        self.recording.note(self.frame, CHANGE, new)
+        frame, self._back, self.failure = self._back, None, None
+        settings, held = self.recording.cut(frame)
+        self.frames.cut(frame)
+        x, v = (values.copy() for values in self.frames.at(frame))
+        self.sim.release()
+        if held is not None:
+            if self.model.w[held] == 0.0:
+                v[held] = 0.0
+            self.recording.note(frame, "deselect", None)
+        self.sim.state.x.assign(x)
+        self.sim.state.v.assign(v)
+        self.sim.frame = frame
+        self._use(settings, self.sim.continue_with(settings))
+        self.grabber.sim = self.sim
+        self.recording.note(frame, CHANGE, settings)
+        if self._kept_from is not None:
+            self._kept_from = min(self._kept_from, frame)
 
-    def _changed(self, *, method: str | None = None, iterations: int | None = None, **others: Any) -> Settings:
-        """The present settings with others in their place: `method` by its name, its `iterations`, and any other.
-
-        The scene's own method comes as the scene has it. Another one begins with its defaults, but keeps the number of
-        iterations, unless one of the two is `Direct`, to which the number is only a limit.
-        """
-        new, own = self.settings.changed(**others), self.scene.settings.method
-        if method is not None and method != new.method.name:
-            if method == own.name:
-                new = new.changed(method=own)
-            elif Direct.name in (method, new.method.name):
-                new = new.with_method(method)
-            else:
-                new = new.with_method(method, iterations=new.method.iterations)
-        return new if iterations is None else new.with_method(iterations=iterations)
-
-    def _load(self, name: str) -> None:
-        if name not in self._sources:
-            raise unknown("scene", name, self._sources)
-        self._open(self._first if name == self._first.name else load_scene(self._sources[name]))
+    def _record(self, on: bool) -> None:
+        if on and self._kept_from is None:
+            self._return()
+            self._kept_from, self.frames.keep = self.frames.last, True
+        elif not on and self._kept_from is not None:
+            self.clip = self._clip(self._kept_from)
+            self._kept_from, self.frames.keep = None, False
 
     def _refuse_if_stopped(self) -> None:
-        if self.failure is not None:
+        if self.failure is not None and self._back is None:
             raise InputError("the simulation has stopped; reset it first")
-
-    def _radius(self) -> np.ndarray:
-        return 0.5 * shown_widths(self.model)
-
-    def _stiffness(self) -> float | None:
-        """Of all distances, None where they differ."""
-        stiffness = np.unique(self.sim.model.distance.stiffness)
-        return float(stiffness[0]) if len(stiffness) == 1 else None
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

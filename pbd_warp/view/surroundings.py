@@ -8,7 +8,8 @@ import numpy as np
 
 from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.model.model import Model
-from pbd_warp.usd.writer import flattest_axis, loose_edges, shown_widths
+from pbd_warp.usd.surroundings import flattest_axis
+from pbd_warp.usd.writer import loose_edges, shown_widths
 
 ROPE_WIDTH, EDGE_WIDTH = 0.55, 0.35
 """Of links, relative to the particles they join: the particles are seen along them."""
@@ -16,20 +17,21 @@ ROPE_WIDTH, EDGE_WIDTH = 0.55, 0.35
 FLAT = 1e-6
 """A scene this much flatter than it is wide lies in a plane."""
 
-WALL_DEPTH = 0.12
-"""Half the depth of a plane seen from its edge in a flat scene, relative to the scene's size."""
+WALL_DEPTH = 0.05
+"""Of a wall in a planar scene, and half of what a plane reaches towards the eye, relative to the scene's size."""
 
-GROUND_GAP = 0.08
-"""How far the ground is below the motion, relative to its size."""
+UPRIGHT = 0.99
+"""A plane is the ground where its normal points up, to within this cosine."""
 
 
 def describe(model: Model) -> dict[str, Any]:
     """Everything about a model that does not change while it runs, ready for JSON.
 
     radius: As drawn [m]. fixed: Particles that are fixed or locked to a point. links: Pairs of particles; link_radius
-    as drawn [m]; rest_length [m]. planes: Polygons of corners [m], what is free of the other planes. spheres: [x, y, z,
-    radius] each. low, high: The box in which motion is to be expected [m]. ground: Height of the grid [m]. axis: To
-    look along, 0 to 2, where the scene is planar, otherwise None.
+    as drawn [m]; rest_length [m]. planes: Polygons of corners [m], what is free of the other planes; of a planar scene
+    they are seen from their edges, and walls are polygons in its plane behind them. spheres: [x, y, z, radius] each.
+    low, high: The box in which motion is to be expected [m]. ground: Height of a plane that things lie on [m], None
+    where there is none. axis: To look along, 0 to 2, where the scene is planar, otherwise None.
     """
     radius = 0.5 * shown_widths(model)
     edge = model.distance.edge
@@ -37,23 +39,24 @@ def describe(model: Model) -> dict[str, Any]:
     fixed = model.w == 0.0
     fixed[model.point.particle] = True
     low, high = expected_box(model, radius)
-    size = high - low
     axis = flat_axis(model)
     colliders = model.colliders
     ball = colliders.kind == SPHERE
-    planes = plane_polygons(colliders.centre[~ball], colliders.normal[~ball], low, high, axis)
-    corners = np.concatenate([low[None], *planes])
+    centre, normal = colliders.centre[~ball], colliders.normal[~ball]
+    planes = plane_polygons(centre, normal, low, high, axis)
+    level = centre[normal[:, 1] > UPRIGHT, 1]
     return {
         "radius": radius.tolist(),
         "fixed": np.flatnonzero(fixed).tolist(),
         "links": edge.tolist(),
         "link_radius": (width * radius[edge].min(axis=1)).tolist(),
         "rest_length": model.distance.rest_length.tolist(),
-        "planes": [polygon.tolist() for polygon in planes],
+        "planes": [polygon.tolist() for polygon, _ in planes],
+        "walls": [wall(polygon, n, low, high, axis).tolist() for polygon, n in planes if axis is not None],
         "spheres": np.column_stack([colliders.centre[ball], colliders.size[ball]]).tolist(),
         "low": low.tolist(),
         "high": high.tolist(),
-        "ground": float(corners[:, 1].min() - GROUND_GAP * size.max()),
+        "ground": float(level.max()) if len(level) and axis is None else None,
         "axis": axis,
     }
 
@@ -90,9 +93,9 @@ def expected_box(model: Model, radius: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 def plane_polygons(
     point: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndarray, flat: int | None
-) -> list[np.ndarray]:
-    """Each plane as the polygon [m], [corners, 3], that bounds the free space around a box; a plane that is
-    wholly behind others has none."""
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Each plane as the polygon [m], [corners, 3], that bounds the free space around a box, and its normal; a plane
+    that is wholly behind others has none."""
     centre, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
     slabs = (
         []
@@ -110,8 +113,18 @@ def plane_polygons(
         for cut_normal, cut_point in [*others, *slabs]:
             polygon = _clip(polygon, (polygon - cut_point) @ cut_normal)
         if len(polygon):
-            polygons.append(polygon)
+            polygons.append((polygon, n))
     return polygons
+
+
+def wall(polygon: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndarray, axis: int) -> np.ndarray:
+    """The band [m], [4, 3], in the plane of a planar scene that lies behind a plane's polygon. It goes on at both ends,
+    so that the walls of a box meet; what is beyond them is behind another wall."""
+    along = np.cross(normal, np.eye(3)[axis])
+    depth = WALL_DEPTH * float(np.linalg.norm(high - low))
+    ends = polygon[[np.argmin(polygon @ along), np.argmax(polygon @ along)]] + depth * np.outer([-1, 1], along)
+    ends[:, axis] = 0.5 * (low + high)[axis]
+    return np.concatenate([ends, ends[::-1] - depth * normal])
 
 
 def _clip(polygon: np.ndarray, height: np.ndarray) -> np.ndarray:

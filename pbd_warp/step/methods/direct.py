@@ -1,53 +1,75 @@
-"""Direct: Newton's method on all distances of a path at once."""
+"""Direct: Newton's method on all constraints of a graph at once."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
 import warp as wp
 
 from pbd_warp.errors import InputError
-from pbd_warp.kernels.direct import add_corrections_to_both, solve_paths
+from pbd_warp.kernels import pieces
+from pbd_warp.kernels.newton import solve_pieces
+from pbd_warp.kernels.touch import add_corrections_to_both, forget_contacts, list_contacts, note_contacts
+from pbd_warp.model.constraints import DistanceSet, PointSet
 from pbd_warp.model.model import Model
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.constraints.distance import LimitedLengths
 from pbd_warp.step.context import Context, Stage
 from pbd_warp.step.methods.iteration import check_iterations
+from pbd_warp.step.methods.schedule import Schedule, schedule
 
-ROUND_OFF = 16.0
-"""The tolerance by default, in machine epsilons of the longest link."""
+TOLERANCE = {"float32": 1e-10, "float64": 4e-15}
+"""What is left of a length over its rest length, and of the balance over the forces, by default: round-off of what a
+step computes with, which is float64; in float32 as much as velocities, which are its displacements, can show."""
+
+ACCEPTED = {"float32": 1e-6, "float64": 1e-11}
+"""What still counts as converged where the iterations end above the tolerance."""
+
+PROXIMAL = 1e-9
+"""Of what moves both ends of a link: the compliance of a step of the proximal method; less in long pieces, and in such
+of unlike masses, which are softer than a link alone. The smaller it is, the more rounding leaves of the balance."""
+
+ELASTIC = 1e-12
+"""The same of links that have to give."""
+
+SOFTEST = 0.2
+"""How much of a particle's inertia the negative stiffness of its links that push may take away. Tried on straight ropes
+that are pushed together: 0 converges linearly, often too slowly; from 0.3 on it finds solutions of far more energy."""
+
+ROUNDS = 10
+"""Of contacts between particles that both move: a Jacobi sweep over them and a Newton solution each."""
+
+REACH = 0.5
+"""How far a link's ends may move apart in one iteration, over the mean length of the piece's links: beyond, directions
+are new ones and Newton's method goes astray."""
 
 
 @dataclass(frozen=True)
 class Direct:
-    """Newton's method with an elimination along each path, O(links), one thread a path (kernels/direct.py).
+    """Newton's method with an elimination of each connected piece, on any graph (kernels/newton.py).
 
-    For graphs whose connected pieces are all paths: ropes, chains, single particles; particles fixed, grabbed or locked
-    to a point anywhere in them. Converges in a handful of iterations whatever the length, mass ratio and step.
+    A path or a tree costs O(links), a net of k x k O(k^3). Particles may be fixed, grabbed or locked to points
+    anywhere; constraints may be redundant; those that contradict each other give as a rubber band would. Converges in a
+    handful of iterations whatever the length, mass ratio and step.
 
     Args:
         iterations: Newton iterations a substep at most.
         tolerance: Stop when what is left of |C| and of the momentum balance, estimated from the step just made, is
-            under it [m]; None: 16 machine epsilons of the longest link, and what ends within epsilon^(2/3) of it counts
-            as converged. It stops too when its steps are at round-off and shrink no more.
-
-    Constraints that nothing can satisfy, such as a rope held further apart than its length, make it diverge.
-
-    With contacts a substep makes `iterations` rounds of one Jacobi sweep over the contacts and a Newton solution.
+            under it [m]; None: when it is under 4e-15 of the link's length (in float32: 1e-10), and what ends under
+            1e-11 of it (1e-6) counts as converged.
 
     Raises:
-        InputError: iterations < 1, tolerance <= 0; when bound to a simulation: a graph that branches or closes or has
-            no distances, a stiffness below 1, a rest length of 0, two point constraints at one particle.
+        InputError: iterations < 1, tolerance <= 0; when bound to a simulation: a stiffness below 1.
     """
 
     name: ClassVar[str] = "direct"
-    remedy: ClassVar[str] = (
-        "'jacobi' or a compliance where a rope is held further apart than its length: that has no solution"
-    )
+    remedy: ClassVar[str] = ""
+    keeps_forces: ClassVar[bool] = True
 
-    iterations: int = 30
+    iterations: int = 100
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
@@ -65,130 +87,223 @@ class DirectSolver:
     """Lines 9-11 on one model."""
 
     def __init__(self, method: Direct, context: Context, contacts: ContactConstraints | None):
-        self._context = context
-        self._contacts = contacts
-        self._method = method
+        self._context, self._contacts, self._method = context, contacts, method
         model = context.model
-        edges, points = model.distance, model.point
         _refuse(model)
-        vertex, first, link = paths(edges.edge, points.particle)
-        place = len(vertex)
-        self._first = context.upload("direct.first", first, wp.int32)
-        self._vertex = context.upload("direct.vertex", vertex, wp.int32)
-        rest_length = context.upload("direct.rest_length", _spread(edges.rest_length, link, 1.0))
-        along = np.stack([vertex, np.where(link >= 0, np.append(vertex[1:], -1), vertex)], axis=1)
-        soft = _spread(edges.compliance, link, 0.0) > 0.0
-        self._lengths = LimitedLengths(
-            context, "direct", context.upload("direct.edge", along, wp.vec2i), rest_length, soft
-        )
-        self._compliance = self._point = self._target = self._point_compliance = None
-        if np.any(edges.compliance > 0.0):
-            self._compliance = context.upload("direct.compliance", _spread(edges.compliance, link, 0.0))
+        edges, points = model.distance, model.point
+        alone = np.full(model.particle_count, contacts is not None)
+        alone[points.particle] = True
+        self.schedule = s = schedule(edges.edge, model.w > 0.0, alone)
+        self._device_schedule = pieces.Schedule()
+        for field in fields(Schedule):
+            if field.name != "link" and field.name != "tile":
+                array = context.upload(f"direct.{field.name}", getattr(s, field.name), wp.int32)
+                setattr(self._device_schedule, field.name, array)
+        tiles, slots = len(s.particle), len(s.row)
+        self._matrix = pieces.Matrix()
+        for name, count, dtype in (
+            *(("D", tiles, wp.mat33d), ("F", tiles, wp.mat33d), ("low", slots, wp.mat33d), ("up", slots, wp.mat33d)),
+            *(("b", tiles, wp.vec3d), ("where", tiles, wp.int32)),
+        ):
+            setattr(self._matrix, name, context.allocate(f"direct.{name}", count, dtype))
+        self._particles, self._links = pieces.Particles(), pieces.Links()
+        self._bind_links(edges, s)
+        self._points = pieces.Points()
+        self._point_compliance = None
         if len(points):
-            at = np.full(model.particle_count, -1)
-            at[points.particle] = np.arange(len(points))
-            self._point = context.upload("direct.point", at[vertex], wp.int32)
-            self._target = context.point_target
-            if np.any(points.compliance > 0.0):
-                self._point_compliance = context.upload("direct.point_compliance", points.compliance)
-        self._base = context.allocate("direct.base", model.particle_count, context.vec3)
-        scratch = {"inverse": context.mat33, "solution": context.vec3, "gradient": context.vec3, "normal": context.vec3}
-        scratch |= {"kappa": context.real, "lam_gain": context.vec3, "lam_solution": context.real}
-        self._scratch = [context.allocate(f"direct.{name}", place, dtype) for name, dtype in scratch.items()]
-        self._lam = context.allocate("direct.lam", place, context.real)
-        longest = float(edges.rest_length.max())
-        epsilon = float(np.finfo(model.dtype).eps)
-        self._round_off = ROUND_OFF * epsilon
-        self._tolerance, self._accepted = self._round_off * longest, epsilon ** (2.0 / 3.0) * longest
-        if method.tolerance is not None:
-            self._tolerance = self._accepted = method.tolerance
-        self.counters = context.allocate("direct.counters", 2, wp.int32)
+            self._bind_points(points, s)
+        self._touching = pieces.Touching()
         if contacts:
-            self._correction = context.allocate("direct.correction", model.particle_count, context.vec3)
+            self._bind_contacts(contacts)
+        self._base = context.allocate("direct.base", model.particle_count, context.vec3)
+        self._force_scale = context.allocate("direct.force_scale", 1, context.real)
+        self._round_off = float(np.finfo(model.dtype).eps)
+        self._tolerance, self._relative = 0.0, TOLERANCE[model.dtype]
+        self._accepted = ACCEPTED[model.dtype] / TOLERANCE[model.dtype]
+        if method.tolerance is not None:
+            self._tolerance, self._relative, self._accepted = method.tolerance, 0.0, 1.0
+        self.counters = context.allocate("direct.counters", 2, wp.int32)
+
+    def _bind_links(self, edges: DistanceSet, s: Schedule) -> None:
+        context, model = self._context, self._context.model
+        edge, rest = edges.edge[s.link], edges.rest_length[s.link]
+        soft = edges.compliance[s.link] > 0.0
+        self._lengths = LimitedLengths(
+            context,
+            "direct",
+            context.upload("direct.edge", edge, wp.vec2i),
+            context.upload("direct.rest_length", rest),
+            soft,
+        )
+        self._compliance = None
+        if soft.any():
+            self._compliance = context.upload("direct.compliance", edges.compliance[s.link])
+        tiles, count = len(s.particle), len(s.piece_first) - 1
+        piece = np.repeat(np.arange(count), np.diff(s.piece_first))  # of each tile
+        proximal = np.zeros(count)
+        for k, (begin, end) in enumerate(pairwise(s.piece_first)):
+            w = model.w[s.particle[begin:end]]
+            proximal[k] = PROXIMAL / (np.sqrt(w.max() / w.min()) * max(1.0, (end - begin) / 300.0))
+        proximal = np.maximum(proximal, ELASTIC / 10.0)
+        p, links = self._particles, self._links
+        p.give = context.upload("direct.give", proximal[piece] * model.w[s.particle], wp.float64)
+        piece = np.repeat(piece, np.diff(s.link_first))  # of each link
+        weight = model.w[edge].sum(axis=1)
+        links.proximal = context.upload("direct.proximal", proximal[piece] * weight, wp.float64)
+        rated = rest > 0.0
+        number = np.maximum(np.bincount(piece, rated, count), 1)
+        mean = np.bincount(piece, rest, count) / number
+        p.mean_length = context.upload("direct.mean_length", mean, wp.float64)
+        # A rubber band's compliance goes with its length.
+        ratio = np.log(np.divide(weight, rest, out=np.ones_like(rest), where=rated))
+        mean = np.exp(np.bincount(piece, np.where(rated, ratio, 0.0), count) / number)
+        elastic = ELASTIC * np.where(rated, np.maximum(mean[piece] * rest, 0.01 * weight), weight)
+        links.elastic = context.upload("direct.elastic", elastic, wp.float64)
+        share = np.maximum(np.bincount(edges.edge.ravel(), minlength=model.particle_count) / 2.0, 1.0)
+        softest = -SOFTEST / (model.w * share)[edge].max(axis=1) if len(edge) else rest
+        links.softest = context.upload("direct.softest", softest, wp.float64)
+        for group, name, size, dtype in (
+            *(
+                (p, "weight", tiles, wp.float64),
+                (p, "mass", tiles, wp.float64),
+                (p, "free", tiles, wp.vec3d),
+                (p, "move", tiles, wp.vec3d),
+            ),
+            *((p, "shift", tiles, wp.vec3d), (p, "gives", count, wp.int32), (p, "strain", count, wp.float64)),
+            *(
+                (links, "firm", len(edge), wp.float64),
+                (links, "steadies", len(edge), wp.float64),
+                (links, "fixed", len(edge), wp.vec4d),
+            ),
+            *((links, "before", len(edge), wp.vec3d), (links, "start", len(edge), wp.vec3d)),
+            *(
+                (links, "normal", len(edge), wp.vec3d),
+                (links, "row", len(edge), wp.vec4d),
+                (links, "lam", len(edge), wp.float64),
+            ),
+        ):
+            setattr(
+                group,
+                name,
+                context.allocate(f"direct.link.{name}" if group is links else f"direct.{name}", size, dtype),
+            )
+        if not rated.all():
+            links.vector_lam = context.allocate("direct.vector_lam", len(edge), wp.vec3d)
+
+    def _bind_points(self, points: PointSet, s: Schedule) -> None:
+        context, p = self._context, self._points
+        tile = s.tile[points.particle]
+        some = np.flatnonzero(tile >= 0)
+        which = some[np.argsort(tile[some], kind="stable")]
+        first = np.concatenate([[0], np.cumsum(np.bincount(tile[some], minlength=len(s.particle)))])
+        p.first = context.upload("direct.point_first", first, wp.int32)
+        p.which = context.upload("direct.point", which, wp.int32)
+        p.gone = context.allocate("direct.point_gone", len(points), wp.vec3d)
+        p.soft = context.allocate("direct.point_soft", len(points), wp.float64)
+        p.lam = context.allocate("direct.point_lam", len(points), wp.vec3d)
+        if np.any(points.compliance > 0.0):
+            self._point_compliance = context.upload("direct.point_compliance", points.compliance)
+
+    def _bind_contacts(self, contacts: ContactConstraints) -> None:
+        context, c, room = self._context, self._touching, contacts.capacity
+        count = context.model.particle_count
+        for name, size, dtype in (
+            *(("head", count, wp.int32), ("following", room, wp.int32), ("side", room, wp.vec3d)),
+            *(("start", room, wp.vec3d), ("led", room, wp.vec3d), ("surface", room, wp.vec4d)),
+            *(("lam", room, wp.float64), ("grip", room, wp.vec3d), ("status", room, wp.int32)),
+        ):
+            setattr(c, name, context.allocate(f"direct.contact_{name}", size, dtype))
+        self._memory = context.allocate("direct.contact_memory", count * len(contacts.kind), wp.vec3d)
+        self._correction = context.allocate("direct.correction", count, context.vec3)
 
     def restart(self) -> None:
         """Forget the multipliers, which a step takes from the one before as a first guess."""
-        self._lam.zero_()
+        for array in (self._links.lam, self._links.vector_lam, self._points.lam, self._particles.shift):
+            if array:
+                array.zero_()
+        self._particles.gives.zero_()
+        if self._contacts:
+            self._memory.zero_()
 
     def solve(self, stage: Stage) -> None:
-        context = self._context
-        launch, u = context.launch, context.u
-        launch.copy(self._base, u)
+        context, contacts = self._context, self._contacts
+        context.launch.copy(self._base, context.u)
+        context.launch.copy(self._force_scale, stage.compliance_scale)
         self._lengths.begin(stage)
-        if not self._contacts:
-            self._newton(stage, stage.lam_scale)
+        if not contacts:
+            self._newton(stage, True)
             return
-        self._contacts.begin(stage)
-        for k in range(self._method.iterations):
-            self._contacts.project(stage, u, self._contacts.valence, 1.0, None, self._correction)
-            launch(add_corrections_to_both, len(u), self._correction, self._base, u)
-            self._newton(stage, stage.lam_scale if k == 0 else 1.0)
+        contacts.begin(stage)
+        self._list_contacts(stage, contacts)
+        self._newton(stage, True)
+        if contacts.pairs:
+            for _ in range(ROUNDS):
+                contacts.project(stage, context.u, contacts.valence, 1.0, None, self._correction)
+                context.launch(add_corrections_to_both, len(context.u), self._correction, self._base, context.u)
+                self._newton(stage, False)
+        self._note_contacts(contacts)
 
-    def _newton(self, stage: Stage, lam_scale: float) -> None:
-        context = self._context
+    def _newton(self, stage: Stage, first: bool) -> None:
+        context, method = self._context, self._method
         context.launch(
-            solve_paths,
-            len(self._first) - 1,
-            *(self._first, self._vertex, self._lengths.now, self._compliance),
-            *(self._point, self._target, self._point_compliance),
+            solve_pieces,
+            len(self.schedule.piece_first) - 1,
+            *(self._device_schedule, self._lengths.now, self._compliance),
+            *(context.point_target, self._point_compliance),
             *(context.state.x, context.w),
-            *(self._base, stage.compliance_scale, stage.mean_gradient, lam_scale),
-            *(self._method.iterations, self._tolerance, self._accepted, self._round_off),
-            *self._scratch,
-            *(self._lam, context.u, self.counters[0:1], self.counters[1:2]),
+            *(self._base, stage.compliance_scale, stage.mean_gradient, first, stage.lam_scale, REACH),
+            *(method.iterations, self._tolerance, self._relative, self._accepted),
+            *(self._matrix, self._particles, self._links, self._points, self._touching),
+            *(context.u, self.counters[0:1], self.counters[1:2]),
         )
+
+    def _list_contacts(self, stage: Stage, contacts: ContactConstraints) -> None:
+        context = self._context
+        context.launch(forget_contacts, context.model.particle_count, self._touching.head)
+        context.launch(
+            list_contacts,
+            contacts.capacity,
+            *(contacts.kind, contacts.centre, contacts.friction, contacts.collider_friction),
+            *(context.state.x, context.w, *contacts.found, contacts.radius, context.u),
+            *(self._memory, stage.lam_scale, self._round_off, self._touching),
+        )
+
+    def _note_contacts(self, contacts: ContactConstraints) -> None:
+        context = self._context
+        context.launch.zero(self._memory)
+        context.launch(
+            note_contacts,
+            contacts.capacity,
+            *(contacts.count, contacts.pair, self._touching, context.u),
+            *(contacts.lam, contacts.normal, len(contacts.kind), self._memory),
+        )
+
+    def tension(self) -> np.ndarray:
+        """Force along each distance in the last step [N], pull positive, float64 [edge_count]; 0 between fixed
+        particles. Of a distance of rest length 0: its size."""
+        out = np.zeros(len(self._context.model.distance))
+        out[self.schedule.link] = -self._links.lam.numpy()
+        if self._links.vector_lam:
+            out[self.schedule.link] += np.linalg.norm(self._links.vector_lam.numpy(), axis=1)
+        return out * self._newtons()
+
+    def point_reaction(self) -> np.ndarray:
+        """Force of each point constraint on its particle in the last step [N], float64 [point_count, 3]."""
+        if not self._points.first:
+            return np.zeros((0, 3))
+        return self._points.lam.numpy() * self._newtons()
+
+    def contact_force(self) -> np.ndarray:
+        """Force of colliders on each particle in the last step, friction included [N], float64 [particle_count, 3]."""
+        if not self._contacts:
+            return np.zeros((self._context.model.particle_count, 3))
+        forces = self._memory.numpy().reshape(self._context.model.particle_count, -1, 3)
+        return forces.sum(axis=1) * self._newtons()
+
+    def _newtons(self) -> float:
+        return float(self._force_scale.numpy()[0])
 
 
 def _refuse(model: Model) -> None:
-    if not len(model.distance):
-        raise InputError("method 'direct' solves distances, and this model has none: use 'jacobi' or 'gauss-seidel'")
     if np.any(model.distance.stiffness < 1.0) or np.any(model.point.stiffness < 1.0):
         raise InputError("method 'direct' solves exactly: soften with compliance instead of a stiffness below 1")
-    if np.any(model.distance.rest_length == 0.0):
-        raise InputError(
-            "method 'direct' needs rest lengths above 0: join coincident particles into one, or use 'jacobi'"
-        )
-    twice = np.flatnonzero(np.bincount(model.point.particle) > 1)
-    if twice.size:
-        raise InputError(f"method 'direct' takes one point constraint a particle, but particle {twice[0]} has more")
-
-
-def _spread(values: np.ndarray, link: np.ndarray, none: float) -> np.ndarray:
-    """`values` of the links at their places along the paths, `none` where a path ends."""
-    return np.where(link >= 0, np.append(values, none)[link], none)
-
-
-def paths(edge: np.ndarray, locked: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A graph as paths: vertex [p] along all of them, first [paths + 1], link [p], the edge to the next vertex or -1.
-
-    Particles without an edge are left out, but for the `locked` ones. Raises an InputError for a graph that is no set
-    of paths.
-    """
-    count = int(max(edge.max(initial=-1), locked.max(initial=-1))) + 1
-    degree = np.bincount(edge.ravel(), minlength=count)
-    hint = "method 'direct' needs paths (ropes, chains); use 'jacobi' or 'gauss-seidel' for this graph"
-    if np.any(degree > 2):
-        raise InputError(f"particle {int(np.argmax(degree > 2))} has {degree.max()} distances: {hint}")
-    around: list[list[tuple[int, int]]] = [[] for _ in range(count)]
-    for number, (i, j) in enumerate(edge.tolist()):
-        around[i].append((j, number))
-        around[j].append((i, number))
-    vertex: list[int] = []
-    link: list[int] = []
-    first = [0]
-    done = np.zeros(count, bool)
-    for end in [*np.flatnonzero(degree == 1).tolist(), *locked[degree[locked] == 0].tolist()]:
-        if done[end]:
-            continue
-        at, came_by = end, -1
-        while at >= 0:
-            done[at] = True
-            vertex.append(at)
-            ahead = [(to, number) for to, number in around[at] if number != came_by]
-            at, came_by = ahead[0] if ahead else (-1, -1)
-            link.append(came_by)
-        first.append(len(vertex))
-    closed = np.flatnonzero((degree > 0) & ~done)
-    if closed.size:
-        raise InputError(f"particle {closed[0]} is part of a closed loop: {hint}")
-    return np.array(vertex, np.int32), np.array(first, np.int32), np.array(link, np.int32)

@@ -34,6 +34,7 @@ class GaussSeidel:
 
     name: ClassVar[str] = "gauss-seidel"
     remedy: ClassVar[str] = ""
+    keeps_forces: ClassVar[bool] = False
 
     iterations: int = 20
     tolerance: float | None = None

@@ -10,10 +10,13 @@ from pbd_warp import check
 from pbd_warp.kernels.iteration import begin_iterations, end_iteration
 from pbd_warp.step.context import Context
 
+MOST_ITERATIONS = 1_000_000
+"""Of a step: far beyond what is of use, and below where counting in 32 bits ends."""
+
 
 def check_iterations(iterations: int, tolerance: float | None) -> None:
     """Iterations of at least 1 and a tolerance above 0, or an InputError."""
-    check.whole("iterations", iterations, low=1)
+    check.whole("iterations", iterations, low=1, high=MOST_ITERATIONS)
     if tolerance is not None:
         check.number("tolerance", tolerance, above=0.0)
 

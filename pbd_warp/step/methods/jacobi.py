@@ -52,6 +52,7 @@ class Jacobi:
 
     name: ClassVar[str] = "jacobi"
     remedy: ClassVar[str] = "a smaller relaxation or averaging='mass-splitting'"
+    keeps_forces: ClassVar[bool] = False
 
     iterations: int = 20
     relaxation: float = 1.0

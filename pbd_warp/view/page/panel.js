@@ -1,8 +1,10 @@
 // The panel: settings that are sent when they are changed, figures that are shown when they arrive.
 
+import { Plot } from "./plot.js";
+
 const $ = (id) => document.getElementById(id);
 const EVERY = 150; // ms between two changes while a slider moves
-const SHOWN = 240; // energies in the plot
+const GRABS = [["25", "gentle"], ["100", "normal"], ["400", "strong"], ["exact", "exact"]]; // m/s^2
 
 const text = {
   stiffness: (value) => value.toFixed(2),
@@ -14,14 +16,17 @@ export class Panel {
   // say(type, fields): to the server.
   constructor(say) {
     this.say = say;
-    this.energies = [];
+    this.plot = new Plot($("plot"), $("plots"));
     this.editing = null;
     this.sent = 0;
     for (const button of document.querySelectorAll("[data-say]")) this.button(button, () => say(button.dataset.say));
     this.button($("pause"), () => this.togglePause());
-    this.button($("defaults"), () => say("load", { scene: $("scene").value }));
-    $("scene").addEventListener("change", () => { say("load", { scene: $("scene").value }); $("scene").blur(); });
-    for (const id of ["method", "integrator"]) {
+    this.button($("fold"), () => this.fold(!document.body.classList.contains("folded")));
+    this.button($("record"), () => say("record", { on: this.status.kept === null }));
+    this.button($("defaults"), () => {
+      say("open", { scene: this.scene.scene, parameters: this.scene.parameters, changes: {} });
+    });
+    for (const id of ["method", "integrator", "grab_acceleration"]) {
       $(id).addEventListener("change", () => { this.change(id, $(id).value); $(id).blur(); });
     }
     for (const id of ["substeps", "iterations"]) {
@@ -36,6 +41,13 @@ export class Panel {
       });
       $(id).addEventListener("change", () => { this.slide(id); this.editing = null; });
     }
+    $("rewind").addEventListener("input", () => {
+      this.editing = "rewind";
+      this.labelRewind(Number($("rewind").value));
+      say("rewind", { frame: Number($("rewind").value) });
+    });
+    $("rewind").addEventListener("change", () => { this.editing = null; $("rewind").blur(); });
+    new ResizeObserver(() => this.plot.draw()).observe($("plot"));
   }
 
   button(element, act) {
@@ -43,19 +55,26 @@ export class Panel {
   }
 
   togglePause() {
-    this.say("pause", { on: !this.paused });
+    this.say("pause", { on: !this.status.paused });
+  }
+
+  fold(on) {
+    document.body.classList.toggle("folded", on);
+    $("fold").setAttribute("aria-expanded", String(!on));
   }
 
   change(name, value) {
     this.editing = null;
     this.sent = performance.now();
+    if (name === "grab_acceleration") value = value === "exact" ? null : Number(value);
     this.say("change", { changes: { [name]: value } });
   }
 
   slide(id) {
     const value = Number($(id).value);
-    const editing = this.editing;
-    this.change(id, id === "gravity" ? [this.gravity[0], value, this.gravity[2]] : value);
+    const { editing, status } = this;
+    const [x, , z] = status.settings.gravity;
+    this.change(id, id === "gravity" ? [x, value, z] : value);
     this.editing = editing;
   }
 
@@ -63,29 +82,53 @@ export class Panel {
     $(id).parentElement.querySelector("output").textContent = value === null ? "–" : text[id](value);
   }
 
+  labelRewind(frame) {
+    const back = (this.status.last - frame) / this.scene.fps;
+    $("rewind").parentElement.querySelector("output").textContent = back > 0 ? `−${back.toFixed(2)} s` : "now";
+  }
+
   load(scene) {
-    choices($("scene"), scene.scenes, scene.scene);
+    this.scene = scene;
+    const parameters = Object.entries(scene.parameters).map(([name, value]) => `${name} ${value}`);
+    $("scene").replaceChildren(scene.scene, Object.assign(document.createElement("small"), { textContent: parameters.join(", ") }));
     choices($("method"), scene.methods);
     choices($("integrator"), scene.integrators);
     document.title = `${scene.scene} · pbd-warp`;
-    this.energies = [];
+    this.plot.load(scene.plots);
     this.editing = null;
     $("stiffness").disabled = scene.links.length === 0;
+    $("row-stretch").hidden = !scene.plots.includes("max_stretch");
+    $("row-residual").hidden = !scene.plots.includes("residual");
+    $("by-stretch").parentElement.hidden = !scene.plots.includes("max_stretch");
   }
 
   show(status) {
-    this.paused = status.paused;
-    this.gravity = status.settings.gravity;
-    for (const id of ["method", "integrator", "substeps", "iterations"]) {
-      if (this.editing !== id) $(id).value = status.settings[id];
+    this.status = status;
+    const { settings } = status;
+    const grabs = [...GRABS];
+    const grab = settings.grab_acceleration === null ? "exact" : String(settings.grab_acceleration);
+    if (!grabs.some(([value]) => value === grab)) grabs.push([grab, `${grab} m/s²`]);
+    const shown = { ...settings, grab_acceleration: grab };
+    if (this.editing !== "grab_acceleration" && $("grab_acceleration").options.length !== grabs.length) {
+      $("grab_acceleration").replaceChildren(...grabs.map(([value, name]) => new Option(name, value)));
+    }
+    for (const id of ["method", "integrator", "substeps", "iterations", "grab_acceleration"]) {
+      if (this.editing !== id && document.activeElement !== $(id)) $(id).value = shown[id];
     }
     for (const id of ["stiffness", "damping", "gravity"]) {
       if (this.editing === id) continue;
-      const value = id === "gravity" ? this.gravity[1] : status.settings[id];
+      const value = id === "gravity" ? settings.gravity[1] : settings[id];
       $(id).value = value ?? 1;
       this.label(id, value);
     }
+    if (this.editing !== "rewind") {
+      Object.assign($("rewind"), { min: status.first, max: status.last, disabled: status.first === status.last });
+      $("rewind").value = status.frame;
+      this.labelRewind(status.frame);
+    }
     $("pause").textContent = status.paused ? "Go on" : "Pause";
+    $("record").textContent = status.kept === null ? "Record" : `Stop · ${(status.kept / this.scene.fps).toFixed(1)} s`;
+    $("record").setAttribute("aria-pressed", String(status.kept !== null));
     const figure = (value, digits, unit, factor = 1) => (value === null ? "–" : `${short(factor * value, digits)} ${unit}`);
     $("frame").textContent = `${status.frame} · ${status.time.toFixed(2)} s`;
     $("ms").textContent = figure(status.ms, 3, "ms");
@@ -97,54 +140,31 @@ export class Panel {
     $("pace").classList.toggle("late", !status.keeps_up);
     $("pace").textContent = (status.failure !== null ? "stopped" : status.paused ? "paused"
       : status.keeps_up ? `real time${percent}` : `cannot keep up${percent} of real time`) + watching;
-    $("failure").hidden = status.failure === null;
-    $("failure").querySelector("p").textContent = status.failure ?? "";
-    const [, launches] = /launches a frame\s+(\d+)/.exec(status.cost);
-    $("launches").textContent = `${launches} launches a frame`;
     if ($("cost").textContent !== status.cost) $("cost").textContent = status.cost;
-    if (status.frame < this.lastFrame) this.energies = [];
-    if (status.energy !== null && status.frame !== this.lastFrame) this.energies.push(status.energy);
-    this.lastFrame = status.frame;
-    this.energies.splice(0, this.energies.length - SHOWN);
-    this.plot();
+    this.plots(status);
   }
 
-  plot() {
-    const canvas = $("plot");
-    const ratio = window.devicePixelRatio;
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-    if (canvas.width !== Math.round(width * ratio)) [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
-    const pen = canvas.getContext("2d");
-    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
-    pen.clearRect(0, 0, width, height);
-    if (this.energies.length < 2) return;
-    let [low, high] = [Math.min(...this.energies), Math.max(...this.energies)];
-    const least = 1e-9 + 1e-3 * Math.max(Math.abs(low), Math.abs(high)); // rounding is drawn as a straight line
-    if (high - low < least) [low, high] = [0.5 * (low + high - least), 0.5 * (low + high + least)];
-    const x = (k) => width * (1 - (this.energies.length - 1 - k) / (SHOWN - 1));
-    const y = (value) => 4 + (height - 8) * (high - value) / (high - low);
-    pen.beginPath();
-    this.energies.forEach((value, k) => pen.lineTo(x(k), y(value)));
-    pen.strokeStyle = "#f2935c";
-    pen.lineWidth = 1.5;
-    pen.lineJoin = "round";
-    pen.stroke();
-    pen.lineTo(width, height);
-    pen.lineTo(x(0), height);
-    pen.fillStyle = "rgb(242 147 92 / .12)";
-    pen.fill();
+  plots(status) {
+    const names = this.scene.plots.concat(status.iterations === null ? [] : ["iterations"]);
+    if (names.join() !== this.plotted) {
+      this.plotted = names.join();
+      const { rows } = this.plot;
+      this.plot.load(names);
+      this.plot.rows = rows;
+    }
+    this.plot.add(status);
+    this.plot.draw();
   }
 }
 
 const short = (value, digits) => (value !== 0 && Math.abs(value) < 1e-3 ? value.toExponential(1) : String(+value.toPrecision(digits)));
 
-function length(metres) {
+export function length(metres) {
   if (metres === null) return "–";
   const [unit, factor] = metres >= 1 || metres === 0 ? ["m", 1] : metres >= 1e-3 ? ["mm", 1e3] : ["µm", 1e6];
   return `${short(factor * metres, 3)} ${unit}`;
 }
 
-function choices(select, names, chosen) {
+function choices(select, names) {
   select.replaceChildren(...names.map((name) => new Option(name, name)));
-  if (chosen !== undefined) select.value = chosen;
 }

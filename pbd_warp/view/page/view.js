@@ -1,42 +1,60 @@
-// The conversation with the server, the pointer and the keys. It draws when there is something new.
+// The conversation with the server, the keys, and what is drawn when.
 
-import { Camera } from "./camera.js";
-import { Stage } from "./draw.js";
-import { Panel } from "./panel.js";
+import { boxOf, Camera } from "./camera.js";
+import { Dragging } from "./drag.js";
+import { Drawing, THEMES } from "./draw.js";
+import { Messages } from "./messages.js";
+import { length, Panel } from "./panel.js";
+import { Playhead } from "./play.js";
+import { RopeDrawing } from "./rope.js";
+import { linkTo, SceneDialog, takeLink } from "./scenes.js";
+import { onSchemeChange, scheme } from "./theme.js";
 
-const CLICK = 4; // px that a pointer may move between press and release of a click
-const SAID_FOR = 7000; // ms
-const HEADER = 16; // bytes
+const HEADER = 28; // bytes
+const FAR = 10; // px between a held particle and the cursor, above which a line joins them
 
 const $ = (id) => document.getElementById(id);
-const canvas = $("stage");
+const canvas = $("picture");
+const drawing = new Drawing(canvas, THEMES[scheme()]);
 const camera = new Camera();
-const stage = new Stage(canvas);
+const playhead = new Playhead();
 const panel = new Panel(say);
+const messages = new Messages(say);
 
 let socket = null;
 let me = 0; // this page's number
-let scene = null; // as stage.py describes it
-let x = null; // positions [m]
-let held = -1, holder = 0, frame = 0;
+let status = null;
+let held = -1, holder = 0, target = [0, 0, 0]; // who is held by which page, and pulled to where
 let received = 0, drawn = 0;
 let stale = true; // what is on the screen is not what would be drawn now
-let leading = false; // the cursor has moved since the last move was sent
-let cursor = null; // [x, y] on the canvas, where it was last
-let hovering = false; // whether it is there still: fingers and what left the canvas are not
-let stretch = 0;
-const pointers = new Map();
+let following = true; // the camera has not been moved by hand since it was fitted
+const link = takeLink();
+let wanted = link;
 
-const mine = () => held >= 0 && holder === me;
+// What Dragging and RopeDrawing are handed.
+const view = {
+  scene: null, // as surroundings.py and report.py describe it
+  shown: null, // { x, number }: positions [m] that are drawn, and the frame they are of
+  camera,
+  get held() { return held; },
+  say,
+  redraw() { stale = true; },
+  moved() { following = false; stale = true; },
+  touched() { $("hint").classList.add("done"); },
+};
+const rope = new RopeDrawing(view, $("rope"), $("drawn"));
+const dragging = new Dragging(canvas, view, rope);
+new SceneDialog(() => view.scene, say);
 
 function connect() {
-  socket = new WebSocket(new URL("ws", location.href.replace(/^http/, "ws")));
+  socket = new WebSocket(new URL("ws", location.href.replace(/^http/, "ws").replace(/#.*/, "")));
   socket.binaryType = "arraybuffer";
   received = 0;
   socket.onmessage = ({ data }) => (data instanceof ArrayBuffer ? take(data) : hear(JSON.parse(data)));
-  socket.onclose = ({ reason }) => {
-    $("away").hidden = false;
-    $("away").textContent = reason ? `The server has closed the connection: ${reason}.` : "Not connected. Is pbd-warp view running?";
+  socket.onclose = ({ code, reason }) => {
+    dragging.grab = null;
+    messages.busy(null);
+    messages.away(code, reason);
     setTimeout(connect, 1000);
   };
 }
@@ -45,66 +63,106 @@ function say(type, fields = {}) {
   if (socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ type, ...fields }));
 }
 
-function hear(message) {
-  if (message.type === "hello") {
+function hear({ type, ...message }) {
+  if (type === "hello") {
     me = message.you;
-    $("away").hidden = true;
-  } else if (message.type === "scene") {
-    const other = scene?.scene !== message.scene;
-    scene = message;
-    x = null;
-    stage.load(scene);
-    panel.load(scene);
-    if (other) camera.frame(scene.low, scene.high, scene.axis);
-  } else if (message.type === "status") {
+    messages.here();
+  } else if (type === "busy") {
+    messages.busy(message.text, message.compiling);
+  } else if (type === "scene") {
+    load(message);
+  } else if (type === "status") {
+    status = message;
     panel.show(message);
-    stretch = message.max_stretch ?? 0;
+    messages.status(message);
   } else {
-    tell(message.text);
+    dragging.refused();
+    messages.tell(message.text, message.remedies);
   }
   stale = true;
 }
 
-function tell(sentence) {
-  const line = document.createElement("li");
-  line.textContent = sentence;
-  $("said").append(line);
-  while ($("said").children.length > 4) $("said").firstChild.remove();
-  setTimeout(() => line.remove(), SAID_FOR);
+function load(scene) {
+  if (wanted) {
+    say("open", wanted);
+    wanted = null;
+  }
+  const other = view.scene?.scene !== scene.scene;
+  view.scene = scene;
+  view.shown = null;
+  playhead.clear();
+  drawing.load(scene);
+  panel.load(scene);
+  if (other) frame();
 }
 
-// A frame: generation, frame, held particle, page that holds it; positions.
+// Face-on, everything in sight.
+function frame() {
+  const { low, high, axis } = view.scene;
+  camera.frame(low, high, axis);
+  following = true;
+}
+
+// Everything in sight, from where one looks.
+function fit() {
+  if (!view.shown) return;
+  const [low, high] = boxOf(view.shown.x, view.scene.radius);
+  camera.fit(low.map((value, k) => Math.min(value, view.scene.low[k])), high.map((value, k) => Math.max(value, view.scene.high[k])));
+  if (!camera.contains(low, high)) camera.fit(low, high);
+  following = true;
+  stale = true;
+}
+
+// What walks out is framed, unless somebody has moved the camera or is dragging; at least as much as a scene's size.
+function follow() {
+  if (!following || dragging.down || dragging.grab || !view.shown) return;
+  let [low, high] = boxOf(view.shown.x, view.scene.radius);
+  if (![...low, ...high].every(Number.isFinite) || camera.contains(low, high)) return;
+  const least = Math.min(...view.scene.low.map((value, k) => view.scene.high[k] - value).filter((size) => size > 0)) / 2;
+  const middle = low.map((value, k) => 0.5 * (value + high[k]));
+  low = low.map((value, k) => Math.min(value, middle[k] - (view.scene.low[k] < view.scene.high[k] ? least : 0)));
+  high = high.map((value, k) => Math.max(value, middle[k] + (view.scene.low[k] < view.scene.high[k] ? least : 0)));
+  camera.follow(low, high);
+}
+
+// A frame: generation, frame, held particle, page that holds it, where it is pulled to; positions.
 function take(data) {
   received++;
   acknowledge();
-  stale = true;
   const header = new DataView(data, 0, HEADER);
-  if (!scene || header.getUint32(0, true) !== scene.generation) return;
-  frame = header.getUint32(4, true);
+  if (!view.scene || header.getUint32(0, true) !== view.scene.generation) return;
   held = header.getInt32(8, true);
   holder = header.getUint32(12, true);
-  x = new Float32Array(data, HEADER);
+  target = [16, 20, 24].map((at) => header.getFloat32(at, true));
+  dragging.confirm(held, holder, me);
+  playhead.add(header.getUint32(4, true), new Float32Array(data, HEADER), performance.now() / 1000);
+  stale = true;
 }
 
 // What one of the 1-2-5 steps above the largest stretch is white to red.
 function stretchScale() {
-  const least = Math.max(stretch, 1e-4);
+  const least = Math.max(status?.max_stretch ?? 0, 1e-4);
   const ten = 10 ** Math.floor(Math.log10(least));
   return ten * [1, 2, 5, 10].find((step) => step * ten >= least * (1 - 1e-9));
 }
 
-function animate() {
+function animate(now) {
   requestAnimationFrame(animate);
-  if (leading && mine()) say("move", { camera: camera.describe(), at: cursor });
-  leading = leading && !mine();
-  if (!stale || !x) return;
-  stale = false;
+  dragging.lead();
+  if (camera.glide()) stale = true;
+  if (!stale || !view.scene) return;
+  view.shown = playhead.show(now / 1000, !status || status.paused || status.failure !== null);
+  stale = !playhead.atEnd;
+  if (!view.shown) {
+    drawing.clear();
+    return;
+  }
   const scale = $("by-stretch").checked ? stretchScale() : 0;
   $("legend").hidden = scale === 0;
   $("legend-low").textContent = `−${+(100 * scale).toPrecision(1)} %`;
   $("legend-high").textContent = `+${+(100 * scale).toPrecision(1)} %`;
-  stage.draw(camera, x, held, scale);
-  ring();
+  drawing.draw(camera, view.shown.x, held, scale);
+  mark();
   drawn++;
 }
 
@@ -115,114 +173,70 @@ function acknowledge() {
 }
 document.addEventListener("visibilitychange", acknowledge);
 
-// A ring around the held particle, or around the one that a click would select.
-function ring() {
-  const down = pointers.size > 0;
-  const near = held < 0 && hovering && !down ? camera.nearest(x, scene.radius, cursor) : -1;
-  const shown = held >= 0 ? held : near;
-  const element = $("ring");
+// A ring around the held particle, or around the one that a press would take; a line to where it is pulled; the scale.
+function mark() {
+  const mine = dragging.grab !== null;
+  const near = dragging.near;
+  const shown = mine ? dragging.grab.particle : held >= 0 ? held : near;
+  const [element, line] = [$("ring"), $("pull")];
   canvas.classList.toggle("near", near >= 0);
-  canvas.classList.toggle("holding", mine() && !down);
+  canvas.classList.toggle("holding", mine);
+  canvas.classList.toggle("drawing", rope.active);
   element.hidden = shown < 0;
+  line.toggleAttribute("hidden", true);
+  if (rope.active) rope.draw();
+  bar();
   if (shown < 0) return;
-  const [px, py, depth] = camera.project(x, shown);
-  const size = 2 * Math.max(9, scene.radius[shown] * camera.scale / depth + 5);
+  const [px, py, depth] = camera.project(view.shown.x, shown);
+  const size = 2 * Math.max(9, view.scene.radius[shown] / camera.metres(depth) + 5);
   element.hidden = !(depth > 0);
-  element.className = held < 0 ? "" : mine() ? "held" : "other";
+  element.className = near >= 0 ? "" : mine ? "held" : "other";
   element.style.width = element.style.height = `${size}px`;
   element.style.transform = `translate(${px - size / 2}px, ${py - size / 2}px)`;
+  const [tx, ty, away] = camera.project(mine ? dragging.grab.target : target, 0);
+  if (near >= 0 || !(away > 0) || Math.hypot(tx - px, ty - py) < FAR) return;
+  for (const [name, value] of Object.entries({ x1: px, y1: py, x2: tx, y2: ty })) line.setAttribute(name, value);
+  line.toggleAttribute("hidden", false);
 }
 
-const place = (event) => {
-  const box = canvas.getBoundingClientRect();
-  return [event.clientX - box.left, event.clientY - box.top];
-};
-
-canvas.addEventListener("pointerdown", (event) => {
-  canvas.setPointerCapture(event.pointerId);
-  document.activeElement?.blur();
-  const touch = event.pointerType === "touch";
-  const doing = event.button !== 0 || event.shiftKey ? "pan" : touch && mine() ? "lead" : "turn";
-  const at = place(event);
-  pointers.set(event.pointerId, { at, start: at, doing, moved: false, button: event.button });
-  if (pointers.size > 1) for (const pointer of pointers.values()) pointer.moved = true; // no tap comes of two fingers
-});
-
-canvas.addEventListener("pointermove", (event) => {
-  const at = place(event);
-  const pointer = pointers.get(event.pointerId);
-  hovering = event.pointerType !== "touch";
-  stale = true; // the ring
-  if (!pointer) {
-    cursor = at;
-    leading = true;
-    return;
-  }
-  const [before, start] = [pointer.at, pointer.start];
-  pointer.moved ||= Math.hypot(at[0] - start[0], at[1] - start[1]) > CLICK;
-  if (!pointer.moved) return;
-  pointer.at = at;
-  const [dx, dy] = [at[0] - before[0], at[1] - before[1]];
-  if (pointers.size === 2) {
-    const [other] = [...pointers.values()].filter((one) => one !== pointer);
-    const apart = (place) => Math.hypot(place[0] - other.at[0], place[1] - other.at[1]);
-    camera.zoom(apart(before) / Math.max(1, apart(at)));
-    camera.pan(dx / 2, dy / 2);
-  } else if (pointer.doing === "lead") {
-    cursor = at;
-    leading = true;
-  } else if (pointer.doing === "turn") {
-    camera.turn(dx, dy);
-    canvas.classList.add("turning");
-  } else {
-    camera.pan(dx, dy);
-  }
-});
-
-canvas.addEventListener("pointerup", (event) => {
-  const pointer = pointers.get(event.pointerId);
-  lift(event);
-  if (!pointer || pointer.moved || pointer.button !== 0) return;
-  cursor = place(event);
-  leading = false; // it is where it was pressed: nothing to lead
-  say("click", { camera: camera.describe(), at: cursor });
-  $("hint").classList.add("done");
-});
-canvas.addEventListener("pointercancel", lift);
-
-function lift(event) {
-  pointers.delete(event.pointerId);
-  canvas.classList.remove("turning");
-  stale = true;
+// How long a round number of metres is, where the scene lies.
+function bar() {
+  const metres = camera.metres(camera.ortho ? 1 : camera.distance);
+  const ten = 10 ** Math.floor(Math.log10(120 * metres));
+  const round = ten * [5, 2, 1].find((step) => step * ten <= 120 * metres);
+  $("scale").querySelector("span").textContent = length(round);
+  $("scale").querySelector("i").style.width = `${round / metres}px`;
 }
-
-canvas.addEventListener("pointerleave", () => {
-  hovering = false;
-  stale = true;
-});
-
-canvas.addEventListener("wheel", (event) => {
-  event.preventDefault();
-  camera.zoom(Math.exp(0.0015 * Math.max(-200, Math.min(200, event.deltaY * (event.deltaMode ? 30 : 1)))));
-  leading = pointers.size === 0; // what is held stays under the cursor
-  stale = true;
-}, { passive: false });
-
-canvas.addEventListener("mousedown", (event) => event.preventDefault()); // the middle one would scroll
-canvas.addEventListener("contextmenu", (event) => event.preventDefault());
 
 addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey) return;
-  if (event.key === "Escape") say("release");
-  if (event.target.matches("select")) return; // in which letters choose
-  if (event.key === " ") panel.togglePause();
-  else if (event.key === "s") say("step");
-  else if (event.key === "r") say("reset");
-  else return;
+  if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector("dialog[open]")) return;
+  if (event.key === "Escape") rope.active ? rope.stop() : dragging.grab ? dragging.release() : say("release");
+  if (event.target.matches("select, input[type=number], input[type=text]")) return;
+  const act = {
+    " ": () => panel.togglePause(), s: () => say("step"), r: () => say("reset"), f: fit, "?": () => $("help").showModal(),
+    ...(rope.active ? { Enter: () => rope.finish(), Backspace: () => rope.undo() } : {}),
+  }[event.key];
+  if (!act) return;
+  act();
   event.preventDefault();
 });
 
+panel.button($("fit"), fit);
+panel.button($("draw"), () => (rope.active ? rope.stop() : rope.start()));
+panel.button($("ask"), () => $("help").showModal());
+panel.button($("save-picture"), () => {
+  drawing.draw(camera, view.shown.x, held, $("by-stretch").checked ? stretchScale() : 0); // it is gone from the buffer
+  canvas.toBlob((picture) => {
+    const name = `${view.scene.scene}-${view.shown.number}.png`;
+    const save = Object.assign(document.createElement("a"), { href: URL.createObjectURL(picture), download: name });
+    save.click();
+    setTimeout(() => URL.revokeObjectURL(save.href), 10000);
+  });
+});
+panel.button($("copy-link"), () => messages.copy(linkTo(view.scene, status)));
 $("by-stretch").addEventListener("change", () => { stale = true; $("by-stretch").blur(); });
+onSchemeChange(() => { drawing.paint(THEMES[scheme()]); panel.plot.draw(); stale = true; });
+setInterval(follow, 250);
 
 new ResizeObserver(() => {
   const box = canvas.getBoundingClientRect();
@@ -230,7 +244,7 @@ new ResizeObserver(() => {
   canvas.width = Math.round(box.width * devicePixelRatio);
   canvas.height = Math.round(box.height * devicePixelRatio);
   camera.resize(box.width, box.height);
-  if (first && scene) camera.frame(scene.low, scene.high, scene.axis);
+  if (view.scene && (first || following)) frame();
   stale = true;
 }).observe(canvas);
 
@@ -239,19 +253,22 @@ window.pbd = {
   // Where a particle is in the window [px].
   project(particle) {
     const box = canvas.getBoundingClientRect();
-    const [px, py] = camera.project(x, particle);
+    const [px, py] = camera.project(view.shown.x, particle);
     return [px + box.left, py + box.top];
   },
-  get ready() { return x !== null && drawn > 0; },
-  get frame() { return frame; },
+  get ready() { return view.shown !== null && drawn > 0; },
+  get frame() { return playhead.newest?.number ?? -1; },
   get drawn() { return drawn; },
   get held() { return held; },
   get holder() { return holder; },
   get me() { return me; },
-  get count() { return x ? x.length / 3 : 0; },
-  get positions() { return Array.from(x); },
-  get camera() { return camera.describe(); },
+  get count() { return view.shown ? view.shown.x.length / 3 : 0; },
+  get positions() { return Array.from(view.shown.x); },
+  get shown() { return view.shown.number; },
+  get scene() { return view.scene.scene; },
+  get camera() { return camera; },
 };
 
+panel.fold(matchMedia("(max-width: 720px)").matches); // the picture first
 connect();
 requestAnimationFrame(animate);

@@ -1,0 +1,71 @@
+"""Running a simulation for a while, and seeing it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from contextlib import nullcontext
+from typing import Any
+
+import numpy as np
+
+from pbd_warp import check
+from pbd_warp.errors import InputError
+from pbd_warp.model.model import Model, State
+from pbd_warp.player.motion import Motion
+from pbd_warp.progress import progress_bar
+from pbd_warp.settings import Settings
+
+SHOWN_SECONDS = 5.0
+
+
+class Playable(ABC):
+    """The part of `Simulation` that makes a `Motion` of it."""
+
+    model: Model
+    settings: Settings
+    state: State
+    frame: int
+
+    @abstractmethod
+    def step(self) -> None: ...
+
+    @abstractmethod
+    def continue_with(self, settings: Settings | None = None, **changes: Any) -> Any: ...
+
+    def run(self, seconds: float | None = None, *, frames: int | None = None, progress: bool = False) -> Motion:
+        """Step for a while; the motion, with where particles were before, can be shown or saved.
+
+        Args:
+            seconds: How long [s], to the nearest frame; or
+            frames: how many frames.
+            progress: Show how far it is: a bar on a terminal, elsewhere a line every ten seconds.
+
+        Raises:
+            InputError: neither or both are given.
+            SimulationFailed: as `step`.
+        """
+        if (seconds is None) == (frames is None):
+            raise InputError("run needs seconds or frames, and not both: run(2.5), or run(frames=150)")
+        if seconds is not None:
+            count = round(check.number("seconds", seconds, low=0.0) / self.settings.dt)
+        else:
+            count = check.whole("frames", frames, low=0)
+        positions = np.empty((count + 1, self.model.particle_count, 3), np.float32)
+        positions[0] = self.state.x.numpy()
+        with progress_bar("frames") if progress else nullcontext(lambda done, of: None) as advance:
+            for done in range(1, count + 1):
+                self.step()
+                positions[done] = self.state.x.numpy()
+                advance(done, count)
+        return Motion.of(self.model, positions, self.settings.fps, f"frames from {self.frame - count}")
+
+    def show(self, seconds: float = SHOWN_SECONDS) -> None:
+        """Play in the browser what comes next [s]. This simulation stays where it is."""
+        self._preview(seconds).show()
+
+    def _preview(self, seconds: float = SHOWN_SECONDS) -> Motion:
+        motion: Motion = self.continue_with().run(seconds)
+        return motion
+
+    def _repr_html_(self) -> str:
+        return self._preview()._repr_html_()

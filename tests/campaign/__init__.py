@@ -1,0 +1,1 @@
+"""Faults on purpose: kills, damaged files, mutated input, threads. `python tests/campaign` runs them at length."""

@@ -1,0 +1,130 @@
+"""From Python: running for a while, reading what is there now, seeing it."""
+
+import types
+
+import numpy as np
+import pytest
+
+import pbd_warp as pbd
+from pbd_warp import progress
+from pbd_warp.player import motion as motion_module
+
+
+def falling(**settings):
+    builder = pbd.ModelBuilder()
+    builder.add_rope([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
+    return pbd.Simulation(builder, **settings)
+
+
+@pytest.mark.parametrize("how", [{"seconds": 0.25}, {"frames": 15}])
+def test_run_makes_the_frames_that_steps_make(how):
+    sim, other = falling(), falling()
+    motion = sim.run(**how)
+    assert sim.frame == 15
+    assert motion.positions.shape == (16, 3, 3)
+    for frame in range(16):
+        np.testing.assert_array_equal(motion.positions[frame], other.positions)
+        other.step()
+    assert motion.fps == pytest.approx(60.0)
+    assert "16 frames of 3 particles" in repr(motion)
+
+
+@pytest.mark.parametrize("how", [{}, {"seconds": 1.0, "frames": 60}, {"seconds": -1.0}, {"frames": 1.5}])
+def test_run_says_what_it_needs(how):
+    with pytest.raises(pbd.InputError, match=r"seconds|frames"):
+        falling().run(**how)
+
+
+def test_positions_and_velocities_are_copies():
+    sim = falling()
+    before, still = sim.positions, sim.velocities
+    sim.run(frames=3)
+    np.testing.assert_array_equal(before, [(0, 0, 0), (1, 0, 0), (2, 0, 0)])
+    np.testing.assert_array_equal(still, np.zeros((3, 3)))
+    assert sim.positions[2, 1] < 0.0
+    assert sim.velocities[2, 1] < 0.0
+    sim.positions[2] = 100.0
+    assert sim.positions[2, 0] < 3.0
+
+
+def test_without_a_terminal_progress_is_a_line_every_ten_seconds(capsys):
+    now = iter([0.0, 4.0, 10.0, 12.0, 21.0])
+    advance = progress._lines("rope", lambda: next(now))
+    for done in (10, 25, 30, 50):
+        advance(done, 100)
+    assert capsys.readouterr().err.splitlines() == [
+        "rope: 25 of 100 after 10 s, some 30 s to go",
+        "rope: 50 of 100 after 21 s, some 21 s to go",
+    ]
+
+
+def test_run_shows_progress_where_asked(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "LINE_EVERY", 0.0)
+    falling().run(frames=2, progress=True)
+    assert capsys.readouterr().err.startswith("frames: 1 of 2 after 0 s")
+    falling().run(frames=2)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_simulation_shows_what_comes_next_and_stays_where_it_is(monkeypatch):
+    served = []
+    monkeypatch.setattr(motion_module, "serve", lambda text, title: served.append(text))
+    sim = falling()
+    sim.run(frames=4)
+    sim.show(seconds=0.5)
+    pbd.show(sim)
+    assert sim.frame == 4
+    assert '"frames": 31,' in served[0]
+    assert '"frames": 301,' in served[1]
+
+
+def test_in_jupyter_a_simulation_and_a_scene_are_players_in_the_page(monkeypatch):
+    shown = []
+    kernel = types.SimpleNamespace(get_ipython=lambda: types.SimpleNamespace(kernel=1))
+    monkeypatch.setitem(__import__("sys").modules, "IPython", kernel)
+    display = types.SimpleNamespace(display=shown.append)
+    monkeypatch.setitem(__import__("sys").modules, "IPython.display", display)
+    scene = pbd.load_scene("worm").changed(frames=8)
+    pbd.show(scene)
+    (motion,) = shown
+    assert motion.frame_count == 8
+    text = motion._repr_html_()
+    assert text.startswith('<iframe srcdoc="&lt;!doctype html&gt;')
+    assert text.count('"') == 6, "the page does not end its own attribute"
+    assert falling()._repr_html_().startswith("<iframe")
+
+
+def test_show_plays_a_file_and_refuses_what_it_cannot(monkeypatch, tmp_path):
+    served = []
+    monkeypatch.setattr(motion_module, "serve", lambda text, title: served.append(title))
+    sim = falling()
+    with pbd.UsdWriter(tmp_path / "r.usda", sim.model) as writer:
+        writer.write(sim.state)
+    pbd.show(tmp_path / "r.usda")
+    pbd.show(sim.model)
+    assert served == ["r.usda", "frames from 0"]
+    with pytest.raises(pbd.InputError, match="show takes"):
+        pbd.show(3)
+
+
+@pytest.mark.parametrize("method", ["direct", pbd.Direct, pbd.Direct()])
+def test_a_method_by_name_by_class_or_made(method):
+    assert falling(method=method).settings.method == pbd.Direct()
+
+
+def test_what_is_printed_says_what_it_is():
+    sim = falling(method="direct")
+    scene = pbd.load_scene("rope")
+    for thing, words in (
+        (sim.model, ["3 particles", "2 distances", "float32"]),
+        (sim, ["3 particles", "frame 0", "Direct("]),
+        (scene, ["rope", "21 particles", "600 frames", "GaussSeidel("]),
+    ):
+        assert all(word in repr(thing) for word in words)
+        assert len(repr(thing)) < 250
+
+
+def test_the_same_point_twice_in_a_row_of_a_rope_is_refused():
+    with pytest.raises(pbd.InputError, match=r"points 1 and 2 of a rope are the same: leave one of them out"):
+        pbd.ModelBuilder().add_rope([(0, 0, 0), (1, 0, 0), (1, 0, 0), (2, 0, 0)])
+    pbd.ModelBuilder().add_rope([(0, 0, 0), (1, 0, 0), (0, 0, 0)])  # there and back is a rope
