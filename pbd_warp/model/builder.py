@@ -214,17 +214,14 @@ class ModelBuilder:
 
         Args:
             n: How many.
-            **varying: What differs from copy to copy: positions [m], velocity, each [n, particle_count, 3]; mass [kg]
-                (of particles that are not fixed), radius, each [n, particle_count]; rest_length [m], stiffness,
-                compliance [m/N] of the distances, each [n, edge_count]. [n, 1] stands for one value a copy.
+            **varying: What differs from copy to copy: positions [m], velocity [n, particle_count, 3]; mass [kg] (of
+                what is not fixed), radius [n, particle_count]; rest_length [m], stiffness, compliance [m/N]
+                [n, edge_count]. [n, 1] stands for one value a copy.
         """
-        copies = copy(self)
-        edges = sum(len(rows[0]) for rows in self._distances)
-        n = check.whole("copies", n, low=1)
-        check_varying(n, self.particle_count, edges, varying)
+        copies, edges = copy(self), sum(len(rows[0]) for rows in self._distances)
+        check_varying(check.whole("copies", n, low=1), self.particle_count, edges, varying)
         copies._copies = n, varying
-        for name in ("_particles", "_distances", "_points", "_colliders", "_ropes"):
-            setattr(copies, name, list(getattr(self, name)))
+        vars(copies).update({name: list(value) for name, value in vars(self).items() if isinstance(value, list)})
         return copies
 
     def finalize(self, device: str | wp.Device | None = None, dtype: str = "float32") -> Model:
