@@ -76,7 +76,7 @@ def run(
     *,
     changes: dict[str, Any],
 ) -> None:
-    """Run a scene in every combination of what is set, and keep a row of each: settings, measures, what became of it."""
+    """Run a scene in every combination of what is set, and keep a row of each: settings, measures, outcome."""
     with one_sentence(debug):
         axes: dict[str, str] = {}
         for text in set_ or []:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from pbd_warp.accuracy.sweep import provenance
-from pbd_warp.errors import InputError, unknown
+from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.model.builder import find_device
 from pbd_warp.stability.classify import NUMBERS, OUTCOMES, Figures, classify
 from pbd_warp.stability.map import Map
+from pbd_warp.study.workers import Lost, Pool, ThisProcess
 from pbd_warp.table import TableRow, load_table, save_table
 
 REFUSED = "refused"
@@ -74,14 +76,32 @@ def measure_cell(made: Map, panel: str, x: float, y: float) -> Cell:
     return Cell(panel=panel, x=x, y=y, outcome=outcome, **numbers)
 
 
-def measure_map(made: Map, on_cell: Callable[[], object] = lambda: None) -> Measured:
-    """Run every cell of a map; `on_cell` is called after each."""
-    cells = []
-    for panel in made.panels:
-        for x in made.x.values:
-            for y in made.y.values:
-                cells.append(measure_cell(made, panel, float(x), float(y)))
-                on_cell()
+def _measure_cells(made: Map, places: list[tuple[str, float, float]]) -> list[Cell]:
+    return [measure_cell(made, *place) for place in places]
+
+
+def measure_map(
+    made: Map,
+    on_cell: Callable[[], object] = lambda: None,
+    pool: Pool = ThisProcess(),  # noqa: B008 it has no state
+    tick: Callable[[], object] = lambda: None,
+) -> Measured:
+    """Run every cell of a map.
+
+    Args:
+        on_cell: Called after each.
+        pool: Who runs them.
+        tick: Called several times a second; what it raises ends the map.
+    """
+    places = [(panel, float(x), float(y)) for panel in made.panels for x in made.x.values for y in made.y.values]
+    cells: dict[int, Cell] = {}
+    for number, cell in pool.run(partial(_measure_cells, made), places, tick):
+        if isinstance(cell, Lost):
+            raise SimulationFailed(
+                f"cell {places[number]} of the map {made.name} has killed its worker repeatedly"
+            )
+        cells[number] = cell
+        on_cell()
     info = {
         "map": made.name,
         "scene": made.scene,
@@ -89,7 +109,7 @@ def measure_map(made: Map, on_cell: Callable[[], object] = lambda: None) -> Meas
         "y": made.y.name,
         **provenance(str(find_device(None))),
     }
-    return Measured(made, tuple(cells), info)
+    return Measured(made, tuple(cells[number] for number in range(len(places))), info)
 
 
 def save(measured: Measured, path: Path) -> None:

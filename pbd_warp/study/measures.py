@@ -60,7 +60,7 @@ VECTORS: dict[str, Of] = {
 }
 ARRAYS: dict[str, Of] = {"tension": _tension, "reaction": _reaction}
 
-REDUCTIONS = {"max": np.max, "min": np.min, "mean": np.mean}
+REDUCTIONS: dict[str, Callable[..., np.ndarray]] = {"max": np.max, "min": np.min, "mean": np.mean}
 COMPONENTS = ("x", "y", "z")
 
 

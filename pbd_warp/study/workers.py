@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib.util
 import logging
 import os
 import pickle
@@ -21,6 +22,7 @@ import warp as wp
 
 from pbd_warp import check
 from pbd_warp.errors import InputError, SimulationFailed
+from pbd_warp.quiet import start_warp
 from pbd_warp.version import __version__
 
 BATCH_SECONDS = 0.5
@@ -181,7 +183,7 @@ def open_pool(workers: int | None = None, scheduler: str | None = None) -> Itera
             ) as cluster,
             distributed.Client(cluster) as client,
         ):
-            client.register_plugin(_quiet())
+            client.register_plugin(_at_start())
             yield DaskPool(client, 0)
         return
     try:
@@ -197,6 +199,31 @@ def open_pool(workers: int | None = None, scheduler: str | None = None) -> Itera
             ) from None
         _check_versions(client)
         yield DaskPool(client, client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.allowed_failures))
+
+
+@contextmanager
+def open_some(workers: int | None = None, scheduler: str | None = None) -> Iterator[Pool]:
+    """As `open_pool`, for work that may as well be done in this process: where one is asked for, or Dask not there."""
+    unasked = workers is None and (cores() == 1 or importlib.util.find_spec("distributed") is None)
+    if scheduler is None and (workers == 1 or unasked):
+        yield ThisProcess()
+        return
+    with open_pool(workers, scheduler) as pool:
+        yield pool
+
+
+@contextmanager
+def alone_on_a_core() -> Iterator[None]:
+    """Keeps this thread on one core, so that what it times is not moved about."""
+    if not hasattr(os, "sched_setaffinity"):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {max(before)})
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
 
 
 def cores() -> int:
@@ -240,21 +267,22 @@ def _run(code: bytes, items: list[Any]) -> tuple[list[Any], float]:
 @functools.lru_cache(maxsize=4)
 def _function(code: bytes) -> Any:
     """Unpickled once a worker, with what it keeps."""
-    wp.config.log_level = wp.LOG_ERROR
     return pickle.loads(code)
 
 
-def _quiet() -> Any:
-    """Ctrl-C in a terminal reaches all its processes, and only the first of them has to do with it."""
+def _at_start() -> Any:
+    """What every worker does first."""
     from distributed import WorkerPlugin
 
-    class Quiet(WorkerPlugin):
-        name = "pbd-warp-quiet"
+    class AtStart(WorkerPlugin):
+        name = "pbd-warp"
 
         def setup(self, worker: Any) -> None:
+            # Ctrl-C in a terminal reaches all its processes, and only the first of them has to do with it.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
+            start_warp([])
 
-    return Quiet()
+    return AtStart()
 
 
 def _has_bokeh() -> bool:
