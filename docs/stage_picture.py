@@ -1,6 +1,6 @@
-"""Draws the picture of stages.md: the curves of a stage by Blender before and while they are simulated.
+"""Draws the pictures of stages.md: what Blender exported, and what comes back over it.
 
-pip install '.[chart]' && python docs/stage_picture.py
+pip install '.[chart,curves]' && python docs/stage_picture.py
 """
 
 import tempfile
@@ -30,21 +30,42 @@ def lines(stage: Usd.Stage, time_code: float) -> list[np.ndarray]:
     return found
 
 
+def poles(stage: Usd.Stage) -> list[np.ndarray]:
+    """Corners of every mesh in world space, as (x, z)."""
+    found = []
+    for prim in stage.Traverse():
+        if prim.IsA(UsdGeom.Mesh):
+            matrix = np.array(UsdGeom.Mesh(prim).ComputeLocalToWorldTransform(0))
+            points = np.array(UsdGeom.Mesh(prim).GetPointsAttr().Get()) @ matrix[:3, :3] + matrix[3, :3]
+            found.append(points[:, [0, 2]])
+    return found
+
+
+def draw(axes: plt.Axes, stage: Usd.Stage, shown: tuple[tuple[float, str, float], ...], title: str) -> None:
+    for corners in poles(stage):
+        (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
+        axes.fill([left, right, right, left], [low, low, high, high], color="0.9")
+    for time_code, colour, width in shown:
+        for number, line in enumerate(lines(stage, time_code)):
+            label = f"{time_code / 24:g} s" if number == 0 else None
+            axes.plot(*line.T, color=colour, linewidth=width, label=label)
+    axes.set_title(title, fontsize=10)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+
+
 def main() -> None:
     wp.config.log_level = wp.LOG_ERROR
+    figure, axes = plt.subplots(figsize=(4.4, 3.6), dpi=100)
+    draw(axes, Usd.Stage.Open(str(STAGE)), ((0, "0.35", 1.2),), "cables.usda, as exported")
+    figure.tight_layout()
+    figure.savefig(HERE / "stage_exported.png")
     figure, panels = plt.subplots(1, 2, figsize=(8.4, 3.6), dpi=100, sharey=True)
     with tempfile.TemporaryDirectory() as folder:
         for axes, pin in zip(panels, ("root", "ends"), strict=True):
             out = Path(folder) / f"{pin}.usdc"
             simulate(load_stage(STAGE, material=Material(pin=pin), frames=25), out)
-            stage = Usd.Stage.Open(str(out))
-            for time_code, colour, width in SHOWN:
-                for number, line in enumerate(lines(stage, time_code)):
-                    label = f"{time_code / 24:g} s" if number == 0 else None
-                    axes.plot(*line.T, color=colour, linewidth=width, label=label)
-            axes.set_title(f"--pin {pin}", fontsize=10)
-            axes.set_aspect("equal")
-            axes.set_axis_off()
+            draw(axes, Usd.Stage.Open(str(out)), SHOWN, f"--pin {pin}")
         panels[0].legend(loc="lower left", fontsize=8, frameon=False)
         figure.tight_layout()
         figure.savefig(HERE / "stage.png")

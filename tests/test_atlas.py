@@ -284,7 +284,7 @@ def test_cells_of_another_map_are_refused(tmp_path):
     save(fewer, tmp_path / "small.csv")
     with pytest.raises(pbd.InputError, match=r"small\.csv: its cells are not those of the map small"):
         load(SMALL, tmp_path / "small.csv")
-    (tmp_path / "small.csv").write_text(",".join(COLUMNS) + "\nall,1,1,fine,0,0,0,0\n")
+    (tmp_path / "small.csv").write_text(",".join(COLUMNS) + "\nall,1,1,fine,0,0,0,0,0\n")
     with pytest.raises(pbd.InputError, match="line 2: unknown outcome 'fine': there is refused"):
         load(SMALL, tmp_path / "small.csv")
 

@@ -59,7 +59,7 @@ BAD = {
     "dtype": (lambda: builder_of().finalize(dtype="float16"), "unknown dtype 'float16': there is float32, float64"),
     "device": (lambda: builder_of().finalize(device="cpv"), "unknown device 'cpv': there is .*did you mean"),
     "float32": (lambda: too_far().finalize(), "particle 3 is too large .* use dtype 'float64'"),
-    "dt": (lambda: simulate(dt=0), "dt must be a finite number above 0, not 0"),
+    "dt": (lambda: simulate(dt=0), "dt must be a finite number in 1e-09..1e+06, not 0"),
     "dt nan": (lambda: simulate(dt=NAN), "dt must be"),
     "substeps": (lambda: simulate(substeps=0), "substeps must be at least 1, not 0"),
     "substeps float": (lambda: simulate(substeps=1.5), "substeps must be a whole number"),

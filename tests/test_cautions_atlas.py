@@ -39,6 +39,6 @@ def test_the_estimated_stretch_is_that_of_the_atlas(name):
 
 
 def test_every_caution_is_a_map():
-    from test_guard_rails import CAUTIONS
+    from test_guard_rails import KNOWN_TO_FAIL
 
-    assert set(CAUTIONS) <= set(MAPS)
+    assert set(KNOWN_TO_FAIL) <= set(MAPS)

@@ -210,7 +210,10 @@ def test_what_is_hopeless_is_said_before_it_starts():
     assert "each frame takes 1e+09 projections of constraints, which is minutes or more" in said[0]
 
 
-BREAKS = "import pbd_warp.cli.run as module\ndef broken(*a, **k): raise {error}\nmodule.run = broken\nmodule.app()"
+BREAKS = (
+    "import pbd_warp.cli.run as module\ndef broken(*a, **k): raise {error}\nmodule.run = broken\n"
+    "from pbd_warp.cli import main\nmain()"
+)
 
 
 @pytest.mark.parametrize(
@@ -220,7 +223,7 @@ BREAKS = "import pbd_warp.cli.run as module\ndef broken(*a, **k): raise {error}\
             "KeyError('frob')",
             "pbd-warp: KeyError: 'frob' (this should have been a clearer sentence; --debug",
         ),
-        ("MemoryError()", "pbd-warp: there is not enough memory for this: make the scene smaller"),
+        ("MemoryError()", "pbd-warp: there is not enough memory for this\n  helps: make the scene smaller"),
         ("OSError('a\\x1b[31m\\nb')", r"pbd-warp: a\x1b[31m\nb"),
     ],
 )

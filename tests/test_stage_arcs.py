@@ -1,5 +1,7 @@
 """Composition: whatever brings curves into a stage, what was asked for moves, and nothing else does."""
 
+import re
+import shutil
 import sys
 from pathlib import Path
 
@@ -10,7 +12,7 @@ from stages import add_curves, line, new_stage, simulated, transform, world
 
 import pbd_warp as pbd
 from pbd_warp.cli import main
-from pbd_warp.curves import load_stage
+from pbd_warp.curves import StageHooks, load_stage, simulate
 
 DATA = Path(__file__).parent / "data" / "curves"
 
@@ -221,3 +223,50 @@ def test_all_that_the_root_layer_alone_can_say_is_said_again(tmp_path):
     assert result.GetColorConfiguration().path == "../colours.ocio"
     assert result.GetRootLayer().customLayerData["cameraSettings"] == {"boundCamera": "/World/Cam"}
     assert result.GetRootLayer().customLayerData["method"] == "direct"
+
+
+def copy_of_an_unfinished_file(folder):
+    """What a run that is killed after 50 frames leaves."""
+    stage = new_stage(folder / "a.usda", last=60)
+    add_curves(stage, "/World/C", line())
+    stage.Save()
+
+    def keep(done):
+        if done == 50:
+            shutil.copytree(folder, folder / "kept")
+
+    simulate(load_stage(folder / "a.usda"), folder / "o.usda", hooks=StageHooks(on_frame=keep))
+    return folder / "kept" / "o.partial.usda"
+
+
+@pytest.mark.parametrize(
+    ("prim", "shown"), [(None, "/World/X/C"), ("/World", "/World/X/C"), ("/World/C", None)], ids=str
+)
+def test_an_unfinished_file_shows_by_a_reference_to_its_root_prim(tmp_path, prim, shown):
+    """As stages.md says: value clips lie on root prims, and a reference below them does not see those."""
+    unfinished = copy_of_an_unfinished_file(tmp_path)
+    stage = new_stage(tmp_path / "shot.usda")
+    placed = stage.DefinePrim("/World/X")
+    if prim is None:
+        placed.GetReferences().AddReference(str(unfinished))
+    else:
+        placed.GetReferences().AddReference(str(unfinished), prim)
+    moving = UsdGeom.BasisCurves.Get(stage, shown or "/World/X").GetPointsAttr()
+    if shown:
+        assert moving.Get(20)[-1][1] < -0.1
+    else:
+        np.testing.assert_array_equal(moving.Get(20), line().astype(np.float32))
+
+
+def test_every_row_of_the_table_in_the_docs_has_its_tests():
+    text = (Path(__file__).parents[1] / "docs" / "stages.md").read_text()
+    rows = text.split("## Composition and schemas")[1].split("|---|---|---|\n")[1].split("\n\n")[0].splitlines()
+    assert len(rows) > 20
+    code = "".join(path.read_text() for path in Path(__file__).parent.glob("test_stage*.py"))
+    for row in rows:
+        _, what, outcome, tests, _ = row.split("|")
+        assert outcome.strip(), what
+        names = re.findall(r"`(\w+)`", tests)
+        assert names, what
+        for name in names:
+            assert f"def {name}(" in code, f"{what}: {name}"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pxr import Gf, Usd, UsdGeom, UsdSkel, Vt
+from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdSkel, Vt
 from stages import add_curves, line, local, new_stage, simulated, transform, world
 
 import pbd_warp as pbd
@@ -130,3 +130,13 @@ def test_hermite_curves_cannot_be_skinned(tmp_path):
     stage.Save()
     with pytest.raises(pbd.InputError, match="bound to a skeleton, which does not deform the tangents"):
         load_stage(tmp_path / "a.usda")
+
+
+def test_what_else_moves_them_is_named(tmp_path):
+    stage = new_stage(tmp_path / "a.usda")
+    add_curves(stage, "/World/Box/C", line())
+    UsdPhysics.RigidBodyAPI.Apply(stage.GetPrimAtPath("/World/Box"))
+    add_curves(stage, "/World/Free", line())
+    stage.Save()
+    (note,) = load_stage(tmp_path / "a.usda").notes
+    assert note == "/World/Box/C: PhysicsRigidBodyAPI of /World/Box may move it once more where that is evaluated"

@@ -19,7 +19,7 @@ from pbd_warp.curves.opening import open_stage
 from pbd_warp.curves.physics import gravity_of, up_axis
 from pbd_warp.curves.ropes import add_ropes, leave_what_has_no_length
 from pbd_warp.curves.selection import find_colliders, find_curves, shared_with_others, without_own_points
-from pbd_warp.curves.skinning import Skeletons
+from pbd_warp.curves.skinning import Skeletons, moved_by_others
 from pbd_warp.curves.timeline import Timeline, timeline
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.model.builder import DTYPES, ModelBuilder, find_device
@@ -146,6 +146,7 @@ def load_stage(
         on_failure="raise" if strict else "continue",
     )
     notes = [text for text in (time.note, note) if text]
+    notes += [f"{each.path}: {text}" for each in curves if (text := moved_by_others(each.prim))]
     source = StageScene(path, stage, time, curves, colliders, pull, origin, scene, where, dtype, left, notes)
     return source.without({})
 

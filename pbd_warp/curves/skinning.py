@@ -89,6 +89,18 @@ class Skeletons:
         return Skinning(prim, query, binding)
 
 
+def moved_by_others(prim: Usd.Prim) -> str:
+    """What else may change a prim's points or place after they are written, in a sentence; or nothing."""
+    found = []
+    while prim and not prim.IsPseudoRoot():
+        schemas = [name for name in prim.GetAppliedSchemas() if "RigidBody" in name or "Deformable" in name]
+        if "Procedural" in prim.GetTypeName():
+            schemas.append(prim.GetTypeName())
+        found += [f"{name} of {prim.GetPath()}" for name in schemas]
+        prim = prim.GetParent()
+    return f"{', '.join(found)} may move it once more where that is evaluated" if found else ""
+
+
 def unbind(stage: Usd.Stage, path: str) -> None:
     """Have the renderer show the points of a prim as they are written."""
     stage.OverridePrim(path).CreateRelationship("skel:skeleton", False).SetTargets([])

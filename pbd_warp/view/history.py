@@ -87,6 +87,7 @@ class Clip:
             SimulationFailed: it could not be written.
         """
         vector = PRECISIONS[self.model.real]["Vec3"]
+        host = next(device for device in wp.get_devices() if device.is_cpu)  # where the values are
         with UsdWriter(path, self.model, self.fps, self.about) as writer:
             for x, v in self.states:
-                writer.write(State(*(wp.array(values, dtype=vector, device="cpu") for values in (x, v))))
+                writer.write(State(*(wp.array(values, dtype=vector, device=host) for values in (x, v))))

@@ -89,7 +89,8 @@ class DirectSolver:
     def __init__(self, method: Direct, context: Context, contacts: ContactConstraints | None):
         self._context, self._contacts, self._method = context, contacts, method
         model = context.model
-        _refuse(model)
+        if np.any(model.distance.stiffness < 1.0) or np.any(model.point.stiffness < 1.0):
+            raise InputError("method 'direct' solves exactly: soften with compliance instead of a stiffness below 1")
         edges, points = model.distance, model.point
         alone = np.full(model.particle_count, contacts is not None)
         alone[points.particle] = True
@@ -128,13 +129,9 @@ class DirectSolver:
         context, model = self._context, self._context.model
         edge, rest = edges.edge[s.link], edges.rest_length[s.link]
         soft = edges.compliance[s.link] > 0.0
-        self._lengths = LimitedLengths(
-            context,
-            "direct",
-            context.upload("direct.edge", edge, wp.vec2i),
-            context.upload("direct.rest_length", rest),
-            soft,
-        )
+        upload = context.upload
+        ends, lengths = upload("direct.edge", edge, wp.vec2i), upload("direct.rest_length", rest)
+        self._lengths = LimitedLengths(context, "direct", ends, lengths, soft)
         self._compliance = None
         if soft.any():
             self._compliance = context.upload("direct.compliance", edges.compliance[s.link])
@@ -289,9 +286,7 @@ class DirectSolver:
 
     def point_reaction(self) -> np.ndarray:
         """Force of each point constraint on its particle in the last step [N], float64 [point_count, 3]."""
-        if not self._points.first:
-            return np.zeros((0, 3))
-        return self._points.lam.numpy() * self._newtons()
+        return self._points.lam.numpy() * self._newtons() if self._points.first else np.zeros((0, 3))
 
     def contact_force(self) -> np.ndarray:
         """Force of colliders on each particle in the last step, friction included [N], float64 [particle_count, 3]."""
@@ -302,8 +297,3 @@ class DirectSolver:
 
     def _newtons(self) -> float:
         return float(self._force_scale.numpy()[0])
-
-
-def _refuse(model: Model) -> None:
-    if np.any(model.distance.stiffness < 1.0) or np.any(model.point.stiffness < 1.0):
-        raise InputError("method 'direct' solves exactly: soften with compliance instead of a stiffness below 1")
