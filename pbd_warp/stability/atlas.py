@@ -97,9 +97,7 @@ def measure_map(
     cells: dict[int, Cell] = {}
     for number, cell in pool.run(partial(_measure_cells, made), places, tick):
         if isinstance(cell, Lost):
-            raise SimulationFailed(
-                f"cell {places[number]} of the map {made.name} has killed its worker repeatedly"
-            )
+            raise SimulationFailed(f"cell {places[number]} of the map {made.name} has killed its worker repeatedly")
         cells[number] = cell
         on_cell()
     info = {

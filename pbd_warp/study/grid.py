@@ -28,6 +28,8 @@ def _kinds() -> dict[str, Any]:
 SETTINGS = _kinds()
 """Settings that can be varied, and of what type each is."""
 
+OR_A_WORD = [name for name, hint in get_type_hints(Settings).items() if {int, str} <= {*get_args(hint)}]
+
 MOST_ROWS = 1_000_000
 """As many combinations are asked about."""
 
@@ -115,8 +117,8 @@ def _text(value: Any) -> str:
 
 def _setting(name: str, text: str) -> Any:
     kind = SETTINGS[name]
-    if name == "substeps":
-        return int(text) if text.lstrip("-").isdecimal() else text
+    if kind is int and not text.lstrip("-").isdecimal() and name in OR_A_WORD:
+        return text
     try:
         return kind(text)
     except ValueError:

@@ -78,7 +78,7 @@ class Runs:
                 continue
             key: Any = row
             if by_name(self.measures) and _stands_copies(scene, model):
-                key = scene.settings, scene.frames, graph_of(scene.settings.apply(model)), _longest(model)
+                key = scene.settings, scene.frames, graph_of(scene.settings.apply(model))
             together.setdefault(key, []).append((row, scene, model))
         for group in together.values():
             most = max(1, TOGETHER_PARTICLES // group[0][2].particle_count)
@@ -161,8 +161,3 @@ def _stands_copies(scene: Scene, model: Model) -> bool:
     decides_for_all = method.name != "direct" and method.tolerance is not None
     decides_for_all |= getattr(method, "chebyshev", None) is not None
     return not (scene.drag or model.collides or one_by_one or decides_for_all)
-
-
-def _longest(model: Model) -> float:
-    """What `Direct` takes its tolerances from."""
-    return float(model.distance.rest_length.max(initial=0.0))

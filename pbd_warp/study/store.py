@@ -144,7 +144,7 @@ def _read(path: Path) -> tuple[Any, dict[str, Any]]:
 
 
 def _column(values: list[Any]) -> list[Any]:
-    """All texts where one is: numbers of substeps beside "auto"."""
+    """All texts where one is: numbers beside "auto"."""
     if not any(isinstance(value, str) for value in values):
         return values
     return [None if value is None else str(value) for value in values]

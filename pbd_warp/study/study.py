@@ -42,7 +42,7 @@ def study(
 
     Args:
         scene: A name, a file ending in .py, or a function that returns a Scene.
-        grid: Values of the scene's parameters and of settings (method, iterations, substeps, fps, ...), by name.
+        grid: Values of the scene's parameters and of settings (method, iterations, fps, ...), by name.
         measures: Names (see measures.py), and functions of the finished simulation that give a number or a few.
         seed: Seeds, for a scene with something random in it.
         settings: Of all rows, by name.
