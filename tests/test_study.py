@@ -244,5 +244,5 @@ def test_the_file_of_another_study_is_refused(tmp_path, other):
     out.write_bytes(b"no table")
     with pytest.raises(pbd.InputError, match="is no study"):
         rows_of(runs({"mass": "1,2"}), out)
-    with pytest.raises(pbd.InputError, match="written as [.]parquet"):
+    with pytest.raises(pbd.InputError, match=r"written as \.parquet"):
         rows_of(runs({"mass": "1,2"}), tmp_path / "s.csv")

@@ -32,7 +32,8 @@ class RunUnlessSaid(TyperGroup):
 
 
 studies = typer.Typer(cls=RunUnlessSaid, no_args_is_help=True, rich_markup_mode=None)
-app.add_typer(studies, name="study", short_help="Run a scene over a grid of parameters, a row of measures each.")
+SUMMARY = "Run a scene over a grid of parameters, a row of measures each. `study SCENE` is `study run SCENE`."
+app.add_typer(studies, name="study", short_help=SUMMARY)
 
 EXAMPLES = """Examples:
 
@@ -42,9 +43,9 @@ EXAMPLES = """Examples:
   pbd-warp study plot chain.parquet --x links --y max_stretch --hue method"""
 
 
-@studies.callback(epilog=EXAMPLES)
+@studies.callback(help=SUMMARY, epilog=EXAMPLES)
 def study() -> None:
-    """Run a scene over a grid of parameters, a row of measures each; `study SCENE` is `study run SCENE`."""
+    """The group of both commands."""
 
 
 @studies.command("run", epilog=EXAMPLES)

@@ -72,7 +72,10 @@ def make_grid(name: str, build: Any, axes: Mapping[str, Any], seed: Sequence[int
         else:
             typed[key] = tuple(_setting(key, _text(value)) for value in values)
     if seed is not None:
-        typed["seed"] = tuple(check_seed(name, build, int(value)) for value in seed)
+        seeds = tuple(int(value) for value in seed)
+        for value in (min(seeds), max(seeds)) if seeds else ():
+            check_seed(name, build, value)
+        typed["seed"] = seeds
     for key, values in typed.items():
         if not values:
             raise InputError(f"{key} has no values: nothing is to be done")
