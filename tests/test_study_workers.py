@@ -19,7 +19,8 @@ from pbd_warp.study import workers
 from pbd_warp.study.store import load
 from pbd_warp.study.workers import DaskPool, Lost, open_pool, open_some
 
-distributed = pytest.importorskip("distributed")
+cloudpickle = pytest.importorskip("cloudpickle")
+pytest.importorskip("distributed")
 
 OWN = """
 import os, time
@@ -152,6 +153,11 @@ SMALL = replace(MAPS["relaxation"], x=replace(MAPS["relaxation"].x, values=(1, 4
 def test_a_map_is_the_same_with_workers(cluster):
     small = replace(SMALL, y=replace(SMALL.y, values=(0.5, 1.0, 1.9)))
     assert measure_map(small, pool=cluster).cells == measure_map(small).cells
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_what_a_map_runs_travels(name):
+    cloudpickle.dumps([panel.cell for panel in MAPS[name].panels.values()])
 
 
 def test_a_chart_is_the_same_with_workers_but_for_its_times(cluster):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,6 +16,9 @@ from pbd_warp.study.workers import Lost, Pool, ThisProcess
 from pbd_warp.table import TableRow, load_table, save_table
 
 REFUSED = "refused"
+
+Run = Callable[[float, float], Figures]
+"""What the cell at (x, y) of a panel runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,17 +70,22 @@ class Measured:
 
 def measure_cell(made: Map, panel: str, x: float, y: float) -> Cell:
     """Run one cell of a map."""
+    return _measure_cells({panel: made.panels[panel].cell}, [(panel, x, y)])[0]
+
+
+def _measure_cells(run: Mapping[str, Run], places: list[tuple[str, float, float]]) -> list[Cell]:
+    """Run cells (panel, x, y) by what each panel runs: all of a map that travels to workers."""
+    return [_measure_cell(run[panel], panel, x, y) for panel, x, y in places]
+
+
+def _measure_cell(run: Run, panel: str, x: float, y: float) -> Cell:
     try:
-        figures = made.panels[panel].cell(x, y)
+        figures = run(x, y)
         outcome = classify(figures)
     except InputError:
         figures, outcome = Figures(), REFUSED
     numbers = {name: float(f"{getattr(figures, name):.4g}") for name in NUMBERS}
     return Cell(panel=panel, x=x, y=y, outcome=outcome, **numbers)
-
-
-def _measure_cells(made: Map, places: list[tuple[str, float, float]]) -> list[Cell]:
-    return [measure_cell(made, *place) for place in places]
 
 
 def measure_map(
@@ -95,7 +103,8 @@ def measure_map(
     """
     places = [(panel, float(x), float(y)) for panel in made.panels for x in made.x.values for y in made.y.values]
     cells: dict[int, Cell] = {}
-    for number, cell in pool.run(partial(_measure_cells, made), places, tick):
+    run = {name: panel.cell for name, panel in made.panels.items()}
+    for number, cell in pool.run(partial(_measure_cells, run), places, tick):
         if isinstance(cell, Lost):
             raise SimulationFailed(f"cell {places[number]} of the map {made.name} has killed its worker repeatedly")
         cells[number] = cell
