@@ -24,7 +24,7 @@ import warp as wp
 from plain_c import compile_c
 
 import pbd_warp as pbd
-from pbd_warp.stability.atlas import measure_map
+from pbd_warp.stability.atlas import measure_maps
 from pbd_warp.stability.maps import MAPS
 from pbd_warp.study.store import load
 from pbd_warp.study.workers import ThisProcess, open_pool
@@ -43,20 +43,20 @@ def seconds(call) -> float:
 def atlas(names: list[str]) -> None:
     maps = [MAPS[name] for name in names or MAPS]
     with open_pool(WORKERS) as pool:
-        for warm in (ThisProcess(), pool):  # kernels are loaded, and compiled if need be
-            measure_map(MAPS["coincident"], pool=warm)
-        total = {"here": 0.0, "workers": 0.0}
-        for made in maps:
-            here = seconds(lambda made=made: total.update(cells=measure_map(made).cells))
-            cells = total.pop("cells")
-            there = seconds(lambda made=made: total.update(cells=measure_map(made, pool=pool).cells))
-            assert cells == total.pop("cells"), made.name
-            total["here"] += here
-            total["workers"] += there
-            print(
-                f"  {made.name:16} {made.size:5} cells  {here:7.2f} s here  {there:7.2f} s by {WORKERS}  {here / there:5.2f}"
-            )
-    print(f"atlas: {total['here'] / total['workers']:.2f} times as fast with {WORKERS} workers, the same cells")
+
+        def measure_by(who):
+            start, found = time.perf_counter(), {}
+            for measured in measure_maps(maps, pool=who):
+                found[measured.map.name] = measured.cells
+            return time.perf_counter() - start, found
+
+        for who in (ThisProcess(), pool):  # kernels are loaded, and compiled if need be
+            list(measure_maps([MAPS["coincident"]], pool=who))
+        here, cells = measure_by(ThisProcess())
+        there, same = measure_by(pool)
+        assert cells == same
+        count = sum(map(len, cells.values()))
+        print(f"atlas: {count} cells, {here:.1f} s here, {there:.1f} s by {WORKERS}: {here / there:.2f} times as fast")
 
 
 def chain() -> pbd.ModelBuilder:

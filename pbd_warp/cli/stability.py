@@ -16,7 +16,7 @@ from pbd_warp.cli.terminal import interruptible, one_sentence, tell
 from pbd_warp.errors import Interrupted
 from pbd_warp.progress import progress_bar
 from pbd_warp.scene import references
-from pbd_warp.stability.atlas import measure_map, save
+from pbd_warp.stability.atlas import measure_maps, save
 from pbd_warp.stability.draw import draw
 from pbd_warp.stability.maps import choose
 from pbd_warp.stability.page import page
@@ -58,13 +58,13 @@ def stability(
                 advance(done, cells)
 
             try:
-                for made in maps:
-                    measured = measure_map(made, on_cell, pool, stop_if_asked)
-                    save(measured, out / f"{made.name}.csv")
-                    draw(measured, out / f"{made.name}.svg")
+                for measured in measure_maps(maps, on_cell, pool, stop_if_asked):
+                    save(measured, out / f"{measured.map.name}.csv")
+                    draw(measured, out / f"{measured.map.name}.svg")
                     atlas.append(measured)
             except KeyboardInterrupt:
                 kept = f"; {', '.join(m.map.name for m in atlas)} in {out}" if atlas else ""
                 raise Interrupted(f"interrupted after {len(atlas)} of {len(maps)} maps{kept}") from None
+        atlas.sort(key=lambda measured: maps.index(measured.map))
         write_text(out / "README.md", page(atlas))
         tell(f"{len(atlas)} maps, {cells} cells: {out / 'README.md'}")

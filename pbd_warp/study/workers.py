@@ -25,7 +25,7 @@ from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.quiet import start_warp
 from pbd_warp.version import __version__
 
-BATCH_SECONDS = 0.5
+BATCH_SECONDS = 0.2
 """What a worker is given at a time: long enough that what Dask takes for it (some ms) does not count."""
 
 GROWTH = 8
