@@ -1,12 +1,13 @@
 """What studies cost, and what they gain: on many cores, with many small simulations in one, through Dask.
 
     python benchmarks/study.py                  # all, some minutes
-    python benchmarks/study.py replicate dask   # some of: atlas, replicate, dask, kills
+    python benchmarks/study.py replicate dask   # some of: atlas, replicate, dask, rows, kills
 
-atlas: maps of the stability atlas in this process and by two workers, in turn. replicate: 10 000 chains of 20 links for
-a second, as copies in one simulation, one simulation alone times 10 000 beside it, and C's limit: the bare sweeps in C
-(scatter.c), without anything around them. dask: time of rows that take 1 ms, in batches, over the work itself. kills: a
-study killed at random moments and started again, and whether a row that was kept is there in the end.
+atlas: maps of the stability atlas in this process, then by two workers. replicate: 10 000 chains of 20 links for a
+second, as copies in one simulation; one simulation alone times 10 000 beside it, and C's limit: the bare sweeps in C
+(scatter.c), without anything around them. dask: time of rows that take 1 ms, in batches, over the work itself. rows:
+what a row of a study costs, to its file. kills: a study killed at random moments and started again, and whether a row
+that was kept is there in the end.
 """
 
 import argparse
@@ -17,6 +18,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +29,9 @@ from plain_c import compile_c
 import pbd_warp as pbd
 from pbd_warp.stability.atlas import measure_maps
 from pbd_warp.stability.maps import MAPS
+from pbd_warp.study.grid import Grid
 from pbd_warp.study.store import load
+from pbd_warp.study.study import make_runs, run_study
 from pbd_warp.study.workers import ThisProcess, open_pool
 
 WORKERS = 2
@@ -143,11 +148,12 @@ SCENE = """
 import numpy as np
 import pbd_warp as pbd
 
-def scene(seed: int = 0):
+def scene(seed: int = 0, drag: bool = True):
     builder = pbd.ModelBuilder()
     z = np.random.default_rng(seed).normal(0.0, 0.01, 21)
     builder.add_rope(np.stack([np.linspace(0.0, 1.0, 21), 0 * z, z], axis=1))
-    return pbd.Scene(builder, frames=60, drag=[(0.0, "select", 20)])  # a drag: each run by itself
+    # Runs with a drag are made each by itself.
+    return pbd.Scene(builder, frames=60, drag=[(0.0, "select", 20)] if drag else [])
 """
 
 
@@ -182,6 +188,30 @@ def kills(rows: int) -> None:
         print(f"kills: {KILLS} kills, {len(kept)} rows kept through them, none lost, {rows} in the end")
 
 
+def rows() -> None:
+    """A whole study, to its file: what a row costs, where all are copies and where each is run by itself."""
+    count = 4000
+    with tempfile.TemporaryDirectory() as folder:
+        own = Path(folder) / "own.py"
+        own.write_text(SCENE)
+        for drag, how in ((False, "as copies"), (True, "each by itself")):
+            out = Path(folder) / f"{how}.parquet"
+            with open_pool(WORKERS) as pool:
+                runs = make_runs(
+                    str(own), {"drag": [drag]}, ["energy", "tip"], range(count), {}, None, "float32", None, False
+                )
+                run_study(replace(runs, grid=Grid({"drag": (drag,), "seed": (0,)})), None, lambda: nullcontext(pool))
+                took = seconds(lambda: run_study(runs, out, lambda: nullcontext(pool)))
+            size = out.stat().st_size / count
+            print(
+                f"rows, {how}: {1e3 * took / count:.2f} ms a row with {WORKERS} workers, {size:.0f} bytes in the file"
+            )
+    with open_pool(WORKERS) as pool:
+        tasks = 2000
+        took = seconds(lambda: [pool._client.submit(int, k, pure=False) for k in range(tasks)][-1].result())
+        print(f"rows: {tasks / took:.0f} empty tasks a second through the scheduler")
+
+
 def _lines(journal: Path) -> dict[int, bytes]:
     """Whole lines of a journal by the number of their row."""
     import json
@@ -194,7 +224,7 @@ def _lines(journal: Path) -> dict[int, bytes]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", nargs="*", default=["atlas", "replicate", "dask", "kills"])
+    parser.add_argument("what", nargs="*", default=["atlas", "replicate", "dask", "rows", "kills"])
     parser.add_argument("--maps", default="", help="of the atlas, comma-separated; all unless given")
     parser.add_argument("--rows", type=int, default=20_000, help="of the study that is killed (20000)")
     given = parser.parse_args()
@@ -206,7 +236,7 @@ def main() -> None:
         elif what == "kills":
             kills(given.rows)
         else:
-            {"replicate": replicate, "dask": dask}[what]()
+            {"replicate": replicate, "dask": dask, "rows": rows}[what]()
 
 
 if __name__ == "__main__":
