@@ -20,6 +20,7 @@ import tempfile
 import time
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ from pbd_warp.stability.maps import MAPS
 from pbd_warp.study.grid import Grid
 from pbd_warp.study.store import load
 from pbd_warp.study.study import make_runs, run_study
-from pbd_warp.study.workers import ThisProcess, open_pool
+from pbd_warp.workers import ThisProcess, open_pool
 
 WORKERS = 2
 COPIES, LINKS, FRAMES = 10_000, 20, 60
@@ -201,7 +202,7 @@ def rows() -> None:
                     str(own), {"drag": [drag]}, ["energy", "tip"], range(count), {}, None, "float32", None, False
                 )
                 run_study(replace(runs, grid=Grid({"drag": (drag,), "seed": (0,)})), None, lambda: nullcontext(pool))
-                took = seconds(lambda: run_study(runs, out, lambda: nullcontext(pool)))
+                took = seconds(partial(run_study, runs, out, lambda pool=pool: nullcontext(pool)))
             size = out.stat().st_size / count
             print(
                 f"rows, {how}: {1e3 * took / count:.2f} ms a row with {WORKERS} workers, {size:.0f} bytes in the file"

@@ -12,7 +12,7 @@ from pbd_warp.study.grid import make_grid, parse_values
 from pbd_warp.study.measures import ARRAYS, names
 from pbd_warp.study.store import load
 from pbd_warp.study.study import make_runs, run_study
-from pbd_warp.study.workers import ThisProcess
+from pbd_warp.workers import ThisProcess
 
 pytest.importorskip("pyarrow")
 
@@ -131,6 +131,17 @@ def test_which_rows_are_made_together_changes_no_bit():
     assert len({row["energy"] for row in alone.values()}) == len(alone)
 
 
+@pytest.mark.parametrize(
+    "settings", [{"tolerance": 1e-3, "iterations": 200}, {"on_failure": "subdivide"}, {"integrator": "dop853"}]
+)
+def test_where_something_decides_for_all_runs_are_made_one_by_one(settings):
+    made = runs({"mass": [1.0], "tilt": [0.0, 0.3, 1.2]}, ["energy", "tip"], seed=[1, 2], **settings)
+    alone, together = rows_of(made), rows_of(made, pool=Batches)
+    assert [row["outcome"] for row in alone.values()] == ["finished"] * 6, alone
+    for number, row in alone.items():
+        assert row | {"wall_s": 0.0} == together[number] | {"wall_s": 0.0}
+
+
 @pytest.mark.parametrize("grid", [{"push": [1.0, 3e38, 2.0]}, {"tilt": [0.0, 0.1], "tolerance": 1e-6}])
 def test_failures_are_rows_with_the_sentence_they_have_alone(grid):
     made = runs(grid, iterations=8)
@@ -229,6 +240,9 @@ def test_what_a_kill_leaves_is_gone_on_from(tmp_path):
     again = Store(out, _identity(made))
     assert sorted(again.rows) == [1, 4]
     again.add([rows[0]])
+    again._journal.close()  # killed once more
+    again = Store(out, _identity(made))
+    assert sorted(again.rows) == [0, 1, 4]
     again.close()
     assert sorted(load(out)["row"]) == [0, 1, 4]
 

@@ -46,6 +46,29 @@ def test_a_copy_moves_as_it_would_alone_to_the_last_bit(method, dtype):
     assert len(np.unique(x, axis=0)) == 3
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_a_copy_of_a_net_too(method):
+    n = 4
+    at = np.stack([*np.meshgrid(np.arange(n), np.arange(n)), np.zeros((n, n))], axis=-1).reshape(-1, 3)
+    number = np.arange(n * n).reshape(n, n)
+    edges = np.concatenate(
+        [
+            np.stack([a.ravel(), b.ravel()], axis=1)
+            for a, b in ((number[:-1], number[1:]), (number.T[:-1], number.T[1:]))
+        ]
+    )
+
+    def net(depth):
+        builder = pbd.ModelBuilder()
+        builder.add_graph(at + [0, 0, depth] * (at[:, :1] - at[:, 1:2]), edges, pinned=(0, n - 1))
+        return builder.finalize()
+
+    models = [net(depth) for depth in (0.0, 0.1, 0.3)]
+    together = run(join(models), method=method).state.x.numpy().reshape(3, -1, 3)
+    for x, model in zip(together, models, strict=True):
+        assert np.array_equal(x, run(model, method=method).state.x.numpy())
+
+
 def test_replicate_varies_what_it_is_told_to():
     n = 4
     builder = chain()

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 import pbd_warp as pbd
+from pbd_warp import workers
 from pbd_warp.accuracy.sweep import Sweep, sweep_scene
 from pbd_warp.cli import main
 from pbd_warp.stability.atlas import measure_map
 from pbd_warp.stability.maps import MAPS
-from pbd_warp.study import workers
 from pbd_warp.study.store import load
-from pbd_warp.study.workers import DaskPool, Lost, open_pool, open_some
+from pbd_warp.workers import DaskPool, Lost, open_pool, open_some
 
 cloudpickle = pytest.importorskip("cloudpickle")
 pytest.importorskip("distributed")
@@ -276,14 +276,13 @@ def wait_for(path, count):
 def test_killed_and_interrupted_studies_go_on(own, cluster, call, tmp_path):
     out = tmp_path / "s.parquet"
     command = ("own.py", "--set", "slow=0.05", "--seed", "0..59", "--measure", "energy", "--out", str(out))
-    command = (*command, "--scheduler", address(cluster))
-    process = start(*command)
+    process = start(*command, "--scheduler", address(cluster))
     wait_for(out, 5)
     process.kill()
     process.wait()
     kept = rows_kept(out)
     assert 5 <= kept < 60
-    process = start(*command)
+    process = start(*command, "--workers", "2")
     wait_for(out, kept + 5)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
     err = process.communicate(timeout=30)[1]
@@ -292,7 +291,7 @@ def test_killed_and_interrupted_studies_go_on(own, cluster, call, tmp_path):
     assert "Traceback" not in err
     assert [path.name for path in tmp_path.glob("s.*")] == ["s.parquet"]
     assert kept + 5 <= len(load(out)) < 60
-    assert call("study", *command)[0] == 0
+    assert call("study", *command, "--scheduler", address(cluster))[0] == 0
     rows, whole = load(out), pbd.study(own, {"slow": 0.0}, ["energy"], seed=range(60), scheduler=address(cluster))
     assert rows["energy"].equals(whole["energy"])
 

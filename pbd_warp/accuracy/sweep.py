@@ -27,8 +27,8 @@ from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import STRETCHED, Limits
 from pbd_warp.step.integrators import INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, Jacobi
-from pbd_warp.study.workers import Lost, Pool, ThisProcess, alone_on_a_core
 from pbd_warp.version import __version__
+from pbd_warp.workers import Lost, Pool, ThisProcess, alone_on_a_core
 
 SECONDS = 1.0
 """What is simulated. Chains are chaotic later: then errors say nothing about the method."""

@@ -29,7 +29,7 @@ from pbd_warp.cli.terminal import interruptible, one_sentence, tell
 from pbd_warp.errors import InputError
 from pbd_warp.paths import check_apart, check_file
 from pbd_warp.progress import progress_bar
-from pbd_warp.study.workers import open_some
+from pbd_warp.workers import open_some
 
 
 @command("chart", "chart my_scene.py", "chart rope --methods direct,jacobi --pick 1e-3")

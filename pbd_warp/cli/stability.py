@@ -20,7 +20,7 @@ from pbd_warp.stability.atlas import measure_maps, save
 from pbd_warp.stability.draw import draw
 from pbd_warp.stability.maps import choose
 from pbd_warp.stability.page import page
-from pbd_warp.study.workers import open_some
+from pbd_warp.workers import open_some
 
 
 @command("stability", "stability", "stability chain_length --out maps")

@@ -19,7 +19,7 @@ from pbd_warp.study.measures import names as measure_names
 from pbd_warp.study.plot import plot as draw
 from pbd_warp.study.store import load
 from pbd_warp.study.study import make_runs, run_study
-from pbd_warp.study.workers import Pool, open_pool
+from pbd_warp.workers import Pool, open_pool
 
 
 class RunUnlessSaid(TyperGroup):

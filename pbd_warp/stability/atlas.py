@@ -12,8 +12,8 @@ from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.model.builder import find_device
 from pbd_warp.stability.classify import NUMBERS, OUTCOMES, Figures, classify
 from pbd_warp.stability.map import Map
-from pbd_warp.study.workers import Lost, Pool, ThisProcess
 from pbd_warp.table import TableRow, load_table, save_table
+from pbd_warp.workers import Lost, Pool, ThisProcess
 
 REFUSED = "refused"
 

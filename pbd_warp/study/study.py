@@ -17,7 +17,7 @@ from pbd_warp.study.grid import MOST_ROWS, make_grid
 from pbd_warp.study.measures import Own, check_measures
 from pbd_warp.study.rows import Runs, lost
 from pbd_warp.study.store import Store, check_libraries, columns
-from pbd_warp.study.workers import Lost, Pool, open_pool, versions
+from pbd_warp.workers import Lost, Pool, open_pool, versions
 
 
 def study(
