@@ -73,7 +73,7 @@ def view() -> None:
     picture = Image.new("RGB", (width, large.height + gap + side * 3 // 4), "white")
     picture.paste(large)
     for number, page in enumerate(pages.values()):
-        stage = page.width - 2 * 272  # without the panel, at two pixels a unit
+        stage = page.width - 2 * 288  # without the panel, at two pixels a unit
         scale = min(stage / 4, page.height / 3)
         left, top = (stage - 4 * scale) / 2, (page.height - 3 * scale) / 2
         box = (left, top, left + 4 * scale, top + 3 * scale)

@@ -11,11 +11,12 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.integrate import move
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.precision import Real, Vec3, step_pass
 
 
-@kernel
+@step_pass
 def predict_bdf2(
+    i: wp.int32,
     # Model:
     gravity: Vec3,  # [m/s^2]
     # State:
@@ -29,7 +30,6 @@ def predict_bdf2(
     # Out:
     u: wp.array[Vec3],  # [particle_count] [m]
 ):
-    i = wp.tid()
     if w[i] == Real(0.0):
         u[i] = dt * v[i]
     elif history[0] == 0:
@@ -39,8 +39,9 @@ def predict_bdf2(
         u[i] = inertia + (Real(4.0) * dt * dt / Real(9.0)) * gravity
 
 
-@kernel
+@step_pass
 def update_bdf2(
+    i: wp.int32,
     # State:
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
@@ -52,10 +53,9 @@ def update_bdf2(
     v_before: wp.array[Vec3],  # [particle_count] [m/s]
     x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
-    diverged: wp.array[wp.int32],  # [4], as in integrate.py
+    diverged: wp.array[wp.int32],  # [5], as in integrate.py
 ):
     """A particle that is led (w = 0) has the velocity of its way; so has every one in the first step."""
-    i = wp.tid()
     v_new = u[i] / dt
     if history[0] != 0 and w[i] > Real(0.0):
         v_new = (Real(3.0) * u[i] - u_before[i]) / (Real(2.0) * dt)
@@ -65,8 +65,9 @@ def update_bdf2(
     move(i, u, x, diverged)
 
 
-@kernel
+@step_pass
 def remember(
+    i: wp.int32,
     # In:
     compliance_scale_then: Real,  # of all steps but the first [1/s^2]
     # Out:

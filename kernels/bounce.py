@@ -13,11 +13,12 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.contact import friction_of
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.precision import Real, Vec3, index, step_pass
 
 
-@kernel
+@step_pass
 def count_active(
+    k: wp.int32,
     # In:
     count: wp.array[wp.int32],
     pair: wp.array[wp.vec2i],
@@ -25,15 +26,15 @@ def count_active(
     # Out:
     valence: wp.array[wp.int32],  # [particle_count] contacts that pushed, zero before
 ):
-    k = wp.tid()
     if k < count[0] and lam[k] > Real(0.0):
         wp.atomic_add(valence, pair[k][0], 1)
         if pair[k][1] >= 0:
             wp.atomic_add(valence, pair[k][1], 1)
 
 
-@kernel
+@step_pass
 def bounce(
+    k: wp.int32,
     # Model:
     friction: Real,  # of particles with each other
     restitution: Real,
@@ -55,10 +56,9 @@ def bounce(
     dv: wp.array[Vec3],  # [particle_count] added to [m/s]
 ):
     """Line 16. A particle's mass is split over its contacts, as in the projection, so momentum is kept."""
-    k = wp.tid()
     if k >= count[0] or lam[k] <= Real(0.0):
         return
-    i = pair[k][0]
+    i = index(pair[k][0])
     j = pair[k][1]
     e = restitution
     w_i = w[i]

@@ -13,7 +13,7 @@ from typing import Any
 import warp as wp
 
 from pbd_warp.kernels.contact import limit_overlap
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.precision import Real, Vec3, step_pass
 
 PLANE = wp.constant(0)
 SPHERE = wp.constant(1)
@@ -42,8 +42,9 @@ def sphere_normal(start: Any, move: Any, rest: Any):
     return direction
 
 
-@kernel
+@step_pass
 def find_collider_contacts(
+    i: wp.int32,
     # Model:
     kind: wp.array[wp.int32],  # [collider_count] PLANE or SPHERE
     centre: wp.array[Vec3],  # [collider_count] a point of the plane, the sphere's centre [m]
@@ -65,7 +66,6 @@ def find_collider_contacts(
     valence: wp.array[wp.int32],
 ):
     """Line 8 for colliders. Watched from one step's travel away, since corrections move particles too."""
-    i = wp.tid()
     if w[i] == Real(0.0):
         return
     reach = margin * radius[i] + wp.length(u[i])

@@ -21,11 +21,13 @@ from typing import Any
 import warp as wp
 
 from pbd_warp.kernels.distance import distance
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.divergence import CONTACTS
+from pbd_warp.kernels.precision import Real, Vec3, func, index, kernel, step_pass
 
 
-@kernel
+@step_pass
 def sweep_midpoints(
+    i: wp.int32,
     # In:
     x: wp.array[Vec3],  # [particle_count] [m]
     u: wp.array[Vec3],  # [particle_count] [m]
@@ -33,7 +35,6 @@ def sweep_midpoints(
     midpoint: wp.array[Vec3],  # [particle_count] of the path x -> p [m]
     sweep: wp.array[Real],  # [particle_count] its length [m]
 ):
-    i = wp.tid()
     midpoint[i] = x[i] + Real(0.5) * u[i]
     sweep[i] = wp.length(u[i])
 
@@ -56,6 +57,63 @@ def limit_overlap(gap: Any, depenetration: Any):
     return gap
 
 
+@func
+def check_pair(
+    i: wp.int32,
+    j: wp.int32,
+    # Model:
+    radius: wp.array[Real],
+    grown: Real,  # watched distance over r_i + r_j
+    depenetration: Real,
+    neighbour_start: wp.array[wp.int32],
+    neighbour: wp.array[wp.int32],
+    # State:
+    x: wp.array[Vec3],
+    # In:
+    u: wp.array[Vec3],
+    # Out:
+    count: wp.array[wp.int32],
+    pair: wp.array[wp.vec2i],
+    normal: wp.array[Vec3],
+    gap: wp.array[Real],
+    valence: wp.array[wp.int32],
+):
+    """Notes the pair as a contact where the paths x -> p come close; arguments as below."""
+    rest = radius[i] + radius[j]
+    start = x[i] - x[j]
+    move = u[i] - u[j]
+    end = start + move
+    a = wp.dot(move, move)
+    b = wp.dot(start, move)
+    closest = Real(0.0)
+    if a > Real(0.0):
+        closest = wp.clamp(-b / a, Real(0.0), Real(1.0))
+    near = wp.length(start + closest * move) < grown * rest
+    if near and not joined(neighbour_start, neighbour, i, j):
+        n = Vec3()
+        c = wp.dot(start, start) - rest * rest
+        discriminant = b * b - a * c
+        if b < Real(0.0) and discriminant > Real(0.0):
+            # Where they first touch: the smaller root without cancellation; inside already, the start.
+            entry = wp.max(c / (wp.sqrt(discriminant) - b), Real(0.0))
+            side = wp.normalize(start + entry * move)
+            passed = wp.dot(end, side) <= Real(0.0) or wp.length(end) >= rest
+            if entry <= Real(1.0) and passed:
+                n = side
+        k = wp.atomic_add(count, 0, 1)
+        if k < pair.shape[0]:
+            pair[k] = wp.vec2i(i, j)
+            normal[k] = n
+            if wp.dot(n, n) > Real(0.0):
+                gap[k] = limit_overlap(wp.dot(n, start) - rest, depenetration)
+            elif depenetration >= Real(0.0):
+                gap[k] = wp.max(rest - wp.length(start) - depenetration, Real(0.0))
+            else:
+                gap[k] = Real(0.0)
+            wp.atomic_add(valence, i, 1)
+            wp.atomic_add(valence, j, 1)
+
+
 @kernel
 def find_contacts(
     # Model:
@@ -66,7 +124,7 @@ def find_contacts(
     depenetration: Real,  # overlap that a step takes back at most [m]; negative: all of it
     neighbour_start: wp.array[wp.int32],  # [particle_count + 1], or None: no pair is joined
     neighbour: wp.array[wp.int32],  # [2 edge_count]
-    copy: wp.array[wp.int32],  # [particle_count] the copy of a replicated model, or None: there is one
+    copy_size: wp.int32,  # particles of one copy of a replicated model: no pair is of two
     # State:
     x: wp.array[Vec3],
     w: wp.array[Real],
@@ -91,57 +149,62 @@ def find_contacts(
     grown = Real(1.0) + margin
     reach = sweep[i] + grown * (radius[i] + max_radius)
     for j in wp.hash_grid_query(grid, midpoint[i], reach):
-        if copy:
-            if copy[i] != copy[j]:
-                continue
         looks = sweep[i] > sweep[j] or (sweep[i] == sweep[j] and i < j)
+        looks = looks and i // copy_size == j // copy_size
+        if looks and radius[i] + radius[j] > Real(0.0) and w[i] + w[j] > Real(0.0):
+            check_pair(
+                i, j, radius, grown, depenetration, neighbour_start, neighbour, x, u, count, pair, normal, gap, valence
+            )
+
+
+@step_pass
+def find_close_contacts(
+    i: wp.int32,
+    # Model:
+    radius: wp.array[Real],  # [particle_count] [m]
+    margin: Real,  # watched beyond touching, relative to r_i + r_j
+    depenetration: Real,  # overlap that a step takes back at most [m]; negative: all of it
+    neighbour_start: wp.array[wp.int32],  # [particle_count + 1], or None: no pair is joined
+    neighbour: wp.array[wp.int32],  # [2 edge_count]
+    copy_size: wp.int32,  # particles of one copy of a replicated model
+    # State:
+    x: wp.array[Vec3],
+    w: wp.array[Real],
+    # In:
+    u: wp.array[Vec3],
+    # Out:
+    count: wp.array[wp.int32],  # [1] contacts found, may exceed the capacity
+    pair: wp.array[wp.vec2i],  # [capacity]
+    normal: wp.array[Vec3],  # [capacity]
+    gap: wp.array[Real],  # [capacity] [m]
+    valence: wp.array[wp.int32],  # [particle_count]
+):
+    """Line 8 for few particles: as `find_contacts`, but each looks at all of its copy that come after it."""
+    grown = Real(1.0) + margin
+    middle = x[i] + Real(0.5) * u[i]
+    half_path = Real(0.5) * wp.length(u[i])
+    for j in range(i + 1, (i // copy_size + 1) * copy_size):
         rest = radius[i] + radius[j]
-        if looks and rest > Real(0.0) and w[i] + w[j] > Real(0.0):
-            start = x[i] - x[j]
-            move = u[i] - u[j]
-            end = start + move
-            a = wp.dot(move, move)
-            b = wp.dot(start, move)
-            closest = Real(0.0)
-            if a > Real(0.0):
-                closest = wp.clamp(-b / a, Real(0.0), Real(1.0))
-            near = wp.length(start + closest * move) < grown * rest
-            if near and not joined(neighbour_start, neighbour, i, j):
-                n = Vec3()
-                c = wp.dot(start, start) - rest * rest
-                discriminant = b * b - a * c
-                if b < Real(0.0) and discriminant > Real(0.0):
-                    # Where they first touch: the smaller root without cancellation; inside already, the start.
-                    entry = wp.max(c / (wp.sqrt(discriminant) - b), Real(0.0))
-                    side = wp.normalize(start + entry * move)
-                    passed = wp.dot(end, side) <= Real(0.0) or wp.length(end) >= rest
-                    if entry <= Real(1.0) and passed:
-                        n = side
-                k = wp.atomic_add(count, 0, 1)
-                if k < pair.shape[0]:
-                    pair[k] = wp.vec2i(i, j)
-                    normal[k] = n
-                    if wp.dot(n, n) > Real(0.0):
-                        gap[k] = limit_overlap(wp.dot(n, start) - rest, depenetration)
-                    elif depenetration >= Real(0.0):
-                        gap[k] = wp.max(rest - wp.length(start) - depenetration, Real(0.0))
-                    else:
-                        gap[k] = Real(0.0)
-                    wp.atomic_add(valence, i, 1)
-                    wp.atomic_add(valence, j, 1)
+        apart = middle - (x[j] + Real(0.5) * u[j])
+        reach = half_path + Real(0.5) * wp.length(u[j]) + grown * rest
+        if wp.dot(apart, apart) <= reach * reach and rest > Real(0.0) and w[i] + w[j] > Real(0.0):
+            check_pair(
+                i, j, radius, grown, depenetration, neighbour_start, neighbour, x, u, count, pair, normal, gap, valence
+            )
 
 
-@kernel
+@step_pass
 def note_overflow(
+    i: wp.int32,
     # In:
     count: wp.array[wp.int32],  # [1]
     capacity: wp.int32,
     # Out:
-    needed: wp.array[wp.int32],  # [1] most contacts wanted beyond the capacity, 0 if all fitted
+    diverged: wp.array[wp.int32],  # [5], of divergence.py
 ):
     """A dropped contact is an error: remembers how many there should have been."""
     if count[0] > capacity:
-        needed[0] = wp.max(needed[0], count[0])
+        diverged[CONTACTS] = wp.max(diverged[CONTACTS], count[0])
 
 
 @wp.func
@@ -152,8 +215,9 @@ def friction_of(j: wp.int32, pair_friction: Any, collider_friction: Any):
     return collider_friction[-1 - j]
 
 
-@kernel
+@step_pass
 def project_contact(
+    k: wp.int32,
     # Model:
     radius: wp.array[Real],
     friction: Real,  # of particles with each other
@@ -181,10 +245,9 @@ def project_contact(
     only in line 16, because a velocity that is stopped after the step leaves the slip of every step: a particle at
     rest on a slope would creep down it.
     """
-    k = wp.tid()
     if k >= count[0]:
         return
-    i = pair[k][0]
+    i = index(pair[k][0])
     j = pair[k][1]
     w_i = w[i]
     w_j = Real(0.0)

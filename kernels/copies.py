@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.divergence import EDGE, ENERGY, PARTICLE
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.divergence import EDGE, ENERGY, NOTHING, PARTICLE
+from pbd_warp.kernels.precision import Real, Vec3, index, step_pass
 
 
-@kernel
+@step_pass
 def check_copies(
+    c: wp.int32,
     # Model:
     particles: wp.int32,  # of one copy
     edges: wp.int32,  # of one copy
@@ -24,30 +25,27 @@ def check_copies(
     stretch_limit: Real,  # length over rest length, squared; 0: none
     energy_limit: wp.array[wp.float64],  # [copy_count] [J], or None: no limit
     # Out:
-    found: wp.array2d[wp.int32],  # [copy_count, 3] lowest particle not finite, edge stretched, 0 for energy
-    diverged: wp.array[wp.int32],  # [4] first: lowest copy of which there is something to tell
+    found: wp.array[wp.vec3i],  # [copy_count] lowest particle not finite, edge stretched, 0 for energy
+    diverged: wp.array[wp.int32],  # [5] first: a copy of which there is something to tell
 ):
-    c = wp.tid()
-    worst = wp.int32(0)
+    seen = wp.vec3i(NOTHING, NOTHING, NOTHING)
     energy = wp.float64(0.0)
     for k in range(particles):
         i = c * particles + k
         if not wp.isfinite(x[i]):
-            found[c, PARTICLE] = wp.min(found[c, PARTICLE], k)
-            worst = wp.int32(1)
+            seen[PARTICLE] = wp.min(seen[PARTICLE], k)
         if energy_limit:
             energy += wp.float64(mass[i] * (Real(0.5) * wp.dot(v[i], v[i]) - wp.dot(gravity, x[i])))
     if stretch_limit > Real(0.0):
         for k in range(edges):
             e = c * edges + k
             rest = rest_length[e]
-            d = x[edge[e][0]] - x[edge[e][1]]
+            d = x[index(edge[e][0])] - x[index(edge[e][1])]
             if wp.dot(d, d) > stretch_limit * (rest * rest) and rest > Real(0.0):
-                found[c, EDGE] = wp.min(found[c, EDGE], k)
-                worst = wp.int32(1)
+                seen[EDGE] = wp.min(seen[EDGE], k)
     if energy_limit:
         if energy > energy_limit[c]:
-            found[c, ENERGY] = 0
-            worst = wp.int32(1)
-    if worst > 0:
+            seen[ENERGY] = 0
+    if wp.min(seen) < NOTHING:
+        found[c] = seen
         wp.atomic_min(diverged, 0, c)

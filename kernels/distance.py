@@ -14,7 +14,7 @@ from typing import Any
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.precision import Real, Vec3, index, kernel, step_pass
 
 
 @wp.func
@@ -56,8 +56,9 @@ def distance_over_step(start: Any, move: Any, rest: Any, compliance: Any, mean_g
     return c, n, g, size, a
 
 
-@kernel
+@step_pass
 def limit_lengths(
+    k: wp.int32,
     # Model:
     edge: wp.array[wp.vec2i],  # [edge_count]
     rest_length: wp.array[Real],  # [edge_count] [m]
@@ -71,7 +72,6 @@ def limit_lengths(
 ):
     """A rope that was pulled too long and is let go would otherwise take all of it back in one step, and leave at
     that speed."""
-    k = wp.tid()
     length = wp.length(x[edge[k][0]] - x[edge[k][1]])
     rest_now[k] = rest_length[k]
     if compliant[k] == 0:
@@ -94,8 +94,9 @@ def measure_distance(
     length[k] = size
 
 
-@kernel
+@step_pass
 def project_distance(
+    k: wp.int32,
     # Model:
     edge: wp.array[wp.vec2i],  # [edge_count]
     rest_length: wp.array[Real],  # [edge_count] [m]
@@ -116,9 +117,8 @@ def project_distance(
     correction: wp.array[Vec3],  # [particle_count] [m], added to
 ):
     """Line 10 for distances: dlam = -(C + a lam) / (n_i w_i + n_j w_j + a), p += w dlam grad C."""
-    k = wp.tid()
-    i = edge[k][0]
-    j = edge[k][1]
+    i = index(edge[k][0])
+    j = index(edge[k][1])
     w_i = w[i]
     w_j = w[j]
     weight = w_i + w_j

@@ -1,4 +1,4 @@
-"""A whole frame of an explicit Runge-Kutta method on accelerations, one thread a connected piece.
+"""Whole frames of an explicit Runge-Kutta method on accelerations, one thread a connected piece.
 
 A step of length h from x, v, with the accelerations k_s of its stages (a, b, c: the method's coefficients):
 
@@ -168,8 +168,9 @@ def make_frame(
     where: wp.array[wp.int32],
     factor: wp.array[Real],  # [slots]
     # Out:
+    frames: wp.array[wp.int32],  # [2] wanted, made: more than one only of a single piece
     steps_used: wp.array[wp.int32],  # [piece_count] those thrown away too
-    diverged: wp.array[wp.int32],  # [4]: divergence.py
+    diverged: wp.array[wp.int32],  # [5]: divergence.py
 ):
     piece = wp.tid()
     begin = piece_first[piece]
@@ -182,109 +183,117 @@ def make_frame(
     zero = Real(0.0)
     one = Real(1.0)
 
-    for s in range(begin, end):
-        i = vertex[s]
-        x_s = particle_x[i]
-        v_s = particle_v[i]
-        w_s = mass_inverse[i]
-        if point:
-            if point[s] >= 0:
-                w_s = zero
-                v_s = (target[point[s]] - x_s) / dt
-        x[s] = x_s
-        v[s] = v_s
-        w[s] = w_s
-        v_next[s] = v_s
-        u[s] = Vec3()
+    made = int(0)
+    wanted = int(frames[0])
+    while made < wanted:
+        made = made + 1
+        for s in range(begin, end):
+            i = vertex[s]
+            x_s = particle_x[i]
+            v_s = particle_v[i]
+            w_s = mass_inverse[i]
+            if point:
+                if point[s] >= 0:
+                    w_s = zero
+                    v_s = (target[point[s]] - x_s) / dt
+            x[s] = x_s
+            v[s] = v_s
+            w[s] = w_s
+            v_next[s] = v_s
+            u[s] = Vec3()
 
-    left = one
-    length_next = longest
-    if error > zero:
-        length_next = step[piece]
-    # Before the first step comes one of no length, a projection: what is held may have changed its velocity, and the
-    # links follow at once.
-    used = int(-1)
-    good = bool(True)
-    again = bool(False)
-    while good and left > zero and used < most:
-        used = used + 1
-        part = zero
-        change = one
-        accepted = bool(True)
-        if used > 0:
-            count = wp.max(wp.ceil(left / length_next - Real(0.01)), one)
-            part = left / count
-            h = part * dt
-            first_stage = int(0)
-            if again:
-                first_stage = 1  # a step made again begins with the same accelerations
-            for stage in range(first_stage, stage_count + 1):
-                advance(
-                    block_begin, block_end, stage, stage_count, to_position, to_velocity, stage_time[stage], h,
-                    k_blocks, v_blocks, u_blocks, v_next_blocks,
+        left = one
+        length_next = longest
+        if error > zero:
+            length_next = step[piece]
+        # The first step has no length, a projection: what is held may have changed its velocity, and the links follow.
+        used = int(-1)
+        good = bool(True)
+        again = bool(False)
+        while good and left > zero and used < most:
+            used = used + 1
+            part = zero
+            change = one
+            accepted = bool(True)
+            if used > 0:
+                count = wp.max(wp.ceil(left / length_next - Real(0.01)), one)
+                part = left / count
+                h = part * dt
+                first_stage = int(0)
+                if again:
+                    first_stage = 1  # a step made again begins with the same accelerations
+                for stage in range(first_stage, stage_count + 1):
+                    advance(
+                        block_begin, block_end, stage, stage_count, to_position, to_velocity, stage_time[stage], h,
+                        k_blocks, v_blocks, u_blocks, v_next_blocks,
+                    )  # fmt: skip
+                    if stage < stage_count:
+                        if is_path:
+                            accelerate_path(
+                                begin, end, gravity, rest_length, compliance, x, w, u, v_next,
+                                stage, stage_count, vanishing, direction, lower, y, k,
+                            )  # fmt: skip
+                        else:
+                            accelerate_graph(
+                                begin, end, link_begin, link_end, spring_first[piece], spring_first[piece + 1], gravity,
+                                ends, first, row, row_first, row_slot, row_column, shared_first, shared_slot,
+                                shared_place,
+                                spring_ends, spring_length, spring_compliance, x, w, u, v_next,
+                                stage, stage_count, vanishing, link_direction, where, factor, link_inverse, link_y, k,
+                            )  # fmt: skip
+                if error > zero:
+                    combine(block_begin, block_end, stage_count, to_estimate, k_blocks, error5_blocks, error3_blocks)
+                    estimate = largest(begin, end, error5)
+                    if estimate > zero and wp.isfinite(estimate):
+                        estimate = (h * h) * estimate / wp.sqrt(estimate + Real(0.01) * largest(begin, end, error3))
+                    # What of it may be rounding: some of the bent part of the way.
+                    bent = zero
+                    for s in range(begin, end):
+                        way = u[s] - h * v[s]
+                        bent = wp.max(bent, wp.dot(way, way))
+                    allowed = Real(PESSIMISM) * error * h + round_off * wp.sqrt(bent)
+                    accepted = estimate <= allowed
+                    change = next_length(estimate, allowed)
+            if accepted:
+                accepted = project(
+                    begin, end, is_path, link_begin, link_end, rest_length, compliance,
+                    ends, length, first, row, row_first, row_slot, row_column, shared_first, shared_slot, shared_place,
+                    round_off, vanishing, x, w, direction, lower, y,
+                    where, factor, link_direction, link_inverse, link_y, u, v_next,
                 )  # fmt: skip
-                if stage < stage_count:
-                    if is_path:
-                        accelerate_path(
-                            begin, end, gravity, rest_length, compliance, x, w, u, v_next,
-                            stage, stage_count, vanishing, direction, lower, y, k,
-                        )  # fmt: skip
-                    else:
-                        accelerate_graph(
-                            begin, end, link_begin, link_end, spring_first[piece], spring_first[piece + 1], gravity,
-                            ends, first, row, row_first, row_slot, row_column, shared_first, shared_slot, shared_place,
-                            spring_ends, spring_length, spring_compliance, x, w, u, v_next,
-                            stage, stage_count, vanishing, link_direction, where, factor, link_inverse, link_y, k,
-                        )  # fmt: skip
-            if error > zero:
-                combine(block_begin, block_end, stage_count, to_estimate, k_blocks, error5_blocks, error3_blocks)
-                estimate = largest(begin, end, error5)
-                if estimate > zero and wp.isfinite(estimate):
-                    estimate = (h * h) * estimate / wp.sqrt(estimate + Real(0.01) * largest(begin, end, error3))
-                # What of it may be rounding: some of the bent part of the way.
-                bent = zero
+                if not accepted:
+                    change = Real(LARGEST_CUT)
+            if accepted:
                 for s in range(begin, end):
-                    way = u[s] - h * v[s]
-                    bent = wp.max(bent, wp.dot(way, way))
-                allowed = Real(PESSIMISM) * error * h + round_off * wp.sqrt(bent)
-                accepted = estimate <= allowed
-                change = next_length(estimate, allowed)
-        if accepted:
-            accepted = project(
-                begin, end, is_path, link_begin, link_end, rest_length, compliance,
-                ends, length, first, row, row_first, row_slot, row_column, shared_first, shared_slot, shared_place,
-                round_off, vanishing, x, w, direction, lower, y,
-                where, factor, link_direction, link_inverse, link_y, u, v_next,
-            )  # fmt: skip
-            if not accepted:
-                change = Real(LARGEST_CUT)
-        if accepted:
-            for s in range(begin, end):
-                x[s] = x[s] + u[s]
-                v[s] = v_next[s]
-            left = left - part
-            if part > zero and left < round_off:
-                left = zero
-        if used == 0 or error == zero:
-            good = accepted
-        elif not accepted or change < one:
-            length_next = part * change
-            good = length_next > round_off
-        elif not again:  # a step that was cut to fit the frame is no reason for shorter ones
-            length_next = wp.min(wp.max(length_next, part * change), longest)
-        again = not accepted
+                    x[s] = x[s] + u[s]
+                    v[s] = v_next[s]
+                left = left - part
+                if part > zero and left < round_off:
+                    left = zero
+            if used == 0 or error == zero:
+                good = accepted
+            elif not accepted or change < one:
+                length_next = part * change
+                good = length_next > round_off
+            elif not again:  # a step that was cut to fit the frame is no reason for shorter ones
+                length_next = wp.min(wp.max(length_next, part * change), longest)
+            again = not accepted
 
-    step[piece] = wp.max(length_next, round_off)
-    steps_used[piece] = used
-    if left > zero:
-        wp.atomic_min(diverged, PIECE, vertex[begin])
-    for s in range(begin, end):
-        i = vertex[s]
-        x_s = x[s]
-        if point:
-            if point[s] >= 0 and left == zero:
-                x_s = target[point[s]]
-        particle_x[i] = x_s
-        particle_v[i] = v[s]
-        if not wp.isfinite(x_s):
-            wp.atomic_min(diverged, 0, i)
+        step[piece] = wp.max(length_next, round_off)
+        steps_used[piece] = used
+        if left > zero:
+            wp.atomic_min(diverged, PIECE, vertex[begin])
+            wanted = made
+        for s in range(begin, end):
+            i = vertex[s]
+            x_s = x[s]
+            if point:
+                if point[s] >= 0 and left == zero:
+                    x_s = target[point[s]]
+            particle_x[i] = x_s
+            particle_v[i] = v[s]
+            if not wp.isfinite(x_s):
+                wp.atomic_min(diverged, 0, i)
+                wanted = made
+    if piece == 0:
+        frames[1] = made

@@ -11,7 +11,7 @@ from typing import Any
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.precision import Real, Vec3, step_pass
 
 
 @wp.func
@@ -22,8 +22,9 @@ def move(i: wp.int32, u: wp.array[Any], x: wp.array[Any], diverged: wp.array[wp.
         wp.atomic_min(diverged, 0, i)
 
 
-@kernel
+@step_pass
 def accelerate(
+    i: wp.int32,
     # Model:
     gravity: Vec3,  # [m/s^2]
     # State:
@@ -34,13 +35,13 @@ def accelerate(
     v: wp.array[Vec3],  # [particle_count] [m/s]
 ):
     """Line 5 by itself, for steps in which line 6 comes before line 7."""
-    i = wp.tid()
     if w[i] > Real(0.0):
         v[i] = v[i] + dt * gravity
 
 
-@kernel
+@step_pass
 def predict(
+    i: wp.int32,
     # Model:
     gravity: Vec3,  # [m/s^2], zero where line 5 has run already
     # State:
@@ -52,23 +53,22 @@ def predict(
     u: wp.array[Vec3],  # [particle_count] [m]
 ):
     """Lines 5 and 7: v += dt g, u = dt v."""
-    i = wp.tid()
     if w[i] > Real(0.0):
         v[i] = v[i] + dt * gravity
     u[i] = dt * v[i]
 
 
-@kernel
+@step_pass
 def update(
+    i: wp.int32,
     # In:
     u: wp.array[Vec3],  # [particle_count] [m]
     dt: Real,  # [s]
     # Out:
     x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
-    diverged: wp.array[wp.int32],  # [4] first: lowest particle whose step is not finite; the others: divergence.py
+    diverged: wp.array[wp.int32],  # [5] first: lowest particle whose step is not finite; the others: divergence.py
 ):
     """Lines 12-15: v = u / dt, x += u."""
-    i = wp.tid()
     v[i] = u[i] / dt
     move(i, u, x, diverged)

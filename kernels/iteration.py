@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Real, kernel
+from pbd_warp.kernels.precision import Real, step_pass
 
 
-@kernel
+@step_pass
 def begin_iterations(
+    i: wp.int32,
     # Out:
     count: wp.array[wp.int32],  # [1] iterations in this step
     another: wp.array[wp.int32],  # [1] 1: there is another iteration
@@ -19,8 +20,9 @@ def begin_iterations(
     residual[0] = Real(0.0)
 
 
-@kernel
+@step_pass
 def end_iteration(
+    i: wp.int32,
     # In:
     tolerance: Real,  # [m]
     iterations: wp.int32,  # at most

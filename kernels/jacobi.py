@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.precision import Real, Vec3, step_pass
 
 
-@kernel
+@step_pass
 def add_corrections(
+    i: wp.int32,
     # In:
     divisor: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: the plain sum
     # Out:
@@ -16,7 +17,6 @@ def add_corrections(
     u: wp.array[Vec3],  # [particle_count] added to
 ):
     """u += correction (over the particle's own number of constraints with "valence" averaging)."""
-    i = wp.tid()
     delta = correction[i]
     if divisor:
         delta = delta / Real(wp.max(divisor[i], 1))
@@ -24,8 +24,9 @@ def add_corrections(
     correction[i] = Vec3()
 
 
-@kernel
+@step_pass
 def add_corrections_accelerated(
+    i: wp.int32,
     # In:
     divisor: wp.array[wp.int32],  # as above
     omega: wp.array[Real],  # factor of each iteration
@@ -40,7 +41,6 @@ def add_corrections_accelerated(
 
     Source: Wang 2015, A Chebyshev Semi-Iterative Approach for Accelerating Projective and Position-based Dynamics.
     """
-    i = wp.tid()
     delta = correction[i]
     if divisor:
         delta = delta / Real(wp.max(divisor[i], 1))

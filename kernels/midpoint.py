@@ -10,11 +10,12 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.integrate import move
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.precision import Real, Vec3, step_pass
 
 
-@kernel
+@step_pass
 def predict_midpoint(
+    i: wp.int32,
     # Model:
     gravity: Vec3,  # [m/s^2]
     # State:
@@ -25,15 +26,15 @@ def predict_midpoint(
     # Out:
     u: wp.array[Vec3],  # [particle_count] [m]
 ):
-    i = wp.tid()
     if w[i] == Real(0.0):
         u[i] = dt * v[i]
     else:
         u[i] = dt * v[i] + (Real(0.5) * dt * dt) * gravity
 
 
-@kernel
+@step_pass
 def update_midpoint(
+    i: wp.int32,
     # State:
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
@@ -42,10 +43,9 @@ def update_midpoint(
     # Out:
     x: wp.array[Vec3],  # [particle_count] [m]
     v: wp.array[Vec3],  # [particle_count] [m/s]
-    diverged: wp.array[wp.int32],  # [4], as in integrate.py
+    diverged: wp.array[wp.int32],  # [5], as in integrate.py
 ):
     """A particle that is led (w = 0) has the velocity of its way."""
-    i = wp.tid()
     v_new = u[i] / dt
     if w[i] > Real(0.0):
         v_new = v_new + (v_new - v[i])

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.precision import Real, Vec3, index, step_pass
 
 
-@kernel
+@step_pass
 def project_point(
+    k: wp.int32,
     # Model:
     particle: wp.array[wp.int32],  # [point_count]
     target: wp.array[Vec3],  # [point_count] [m]
@@ -33,8 +34,7 @@ def project_point(
     correction: wp.array[Vec3],  # [particle_count] [m], added to
 ):
     """Line 10 for points: dlam = -(C + a lam) / (n_i w_i + a), p += w dlam."""
-    k = wp.tid()
-    i = particle[k]
+    i = index(particle[k])
     weight = w[i]
     if valence:
         weight = Real(valence[i]) * weight

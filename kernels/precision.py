@@ -1,15 +1,20 @@
-"""One kernel source, two precisions.
+"""One source, two precisions, and two ways to run it.
 
 A kernel is written once with the names `Real`, `Vec3` and `Mat33` for its types and literals, and
 `@kernel` builds it twice: `kernel[wp.float32]` and `kernel[wp.float64]`. Both can run in one process.
+`@step_pass` takes a function of an index instead: it too becomes such kernels, which call it for every index, and
+the fused frame (frame.py) calls the same function in a loop of its own.
 
 Ours, instead of Warp's `Any` + `wp.overload`: every argument's type is spelled out and bound at import,
 so a launch infers nothing, and each precision lies in a Warp module of its own
 (`pbd_warp.kernels.<file>.float32`), so a run compiles only the precision that it uses.
 """
 
+import linecache
 import types
+import zlib
 from collections.abc import Callable
+from typing import Any
 
 import warp as wp
 
@@ -32,15 +37,39 @@ MODULES: list[str] = []
 """Names of all Warp modules made so far (the CUDA compile test goes through them)."""
 
 
+@wp.func_native("__builtin_assume(i >= 0); return i;")
+def index(i: wp.int32) -> wp.int32:
+    """An index that is not negative, which the compiler cannot know of one that was read from memory: it need not be
+    ready to count from the end then, which is a quarter of a sweep (benchmarks/step.py with and without)."""
+    ...
+
+
 class PrecisionKernel:
     """A kernel in each precision: `self[wp.float32]`, `self[wp.float64]` are the Warp kernels."""
 
-    def __init__(self, source: Callable):
-        self.name = source.__name__
-        self._kernels = {real: _build(source, real) for real in PRECISIONS}
+    def __init__(self, name: str, kernels: dict[type, wp.Kernel]):
+        self.name = name
+        self._kernels = kernels
 
     def __getitem__(self, real: type) -> wp.Kernel:
         return self._kernels[real]
+
+
+class StepPass(PrecisionKernel):
+    """What one pass over particles or constraints does at each index: `functions[real]` is the Warp function, whose
+    first argument is the index, and `self[real]` the kernel that calls it over all of them."""
+
+    def __init__(self, source: Callable):
+        copies = {real: _copy(source, real) for real in PRECISIONS}
+        self.functions = {real: wp.func(copies[real], module=_module(source, real)) for real in PRECISIONS}
+        self.arguments = {real: dict(list(copies[real].__annotations__.items())[1:]) for real in PRECISIONS}
+        super().__init__(source.__name__, {real: self._kernel(source, real) for real in PRECISIONS})
+
+    def _kernel(self, source: Callable, real: type) -> wp.Kernel:
+        names = ", ".join(self.arguments[real])
+        text = f"def {source.__name__}({names}):\n    at(wp.tid(), {names})\n"
+        made = from_text(text, {"wp": wp, "at": self.functions[real]}, self.arguments[real])
+        return build_kernel(made, _module(source, real))
 
 
 def kernel(source: Callable) -> PrecisionKernel:
@@ -49,7 +78,13 @@ def kernel(source: Callable) -> PrecisionKernel:
     The file that holds `source` needs `from __future__ import annotations`, so that the annotations
     are still text here and can be evaluated once for each precision.
     """
-    return PrecisionKernel(source)
+    kernels = {real: build_kernel(_copy(source, real), _module(source, real)) for real in PRECISIONS}
+    return PrecisionKernel(source.__name__, kernels)
+
+
+def step_pass(source: Callable) -> StepPass:
+    """Decorator: as `kernel`, for a function whose first argument is the index."""
+    return StepPass(source)
 
 
 class PrecisionFunction:
@@ -68,11 +103,21 @@ def func(source: Callable) -> PrecisionFunction:
     return PrecisionFunction(source)
 
 
-def _build(source: Callable, real: type) -> wp.Kernel:
-    module = _module(source, real)
+def from_text(text: str, scope: dict[str, Any], arguments: dict[str, Any]) -> types.FunctionType:
+    """A Python function whose source was put together, where `wp.func` and `wp.kernel` find it."""
+    name = text[len("def ") : text.index("(")]
+    file = f"<{name} {zlib.crc32(text.encode()):08x}>"
+    linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
+    exec(compile(text, file, "exec"), scope)
+    made: types.FunctionType = scope[name]
+    made.__module__, made.__qualname__, made.__annotations__ = __name__, name, dict(arguments)
+    return made
+
+
+def build_kernel(source: types.FunctionType, module: str) -> wp.Kernel:
     if module not in MODULES:
         MODULES.append(module)
-    return wp.kernel(_copy(source, real), module=module, enable_backward=False)
+    return wp.kernel(source, module=module, enable_backward=False)
 
 
 def _module(source: Callable, real: type) -> str:

@@ -13,7 +13,8 @@ from pbd_warp.step.constraints.contact import room_for_contacts
 
 Failure = tuple[str, int]
 """What kind, and its number: ("particle", which), ("piece", its first particle), ("stretch", edge), ("energy", 0),
-("newton", how many solutions), ("contacts", how many there were without room for them)."""
+("newton", how many solutions), ("contacts", how many there were without room for them), or
+("copies", 0): of which copies and what, the loop knows."""
 
 
 def failed(when: str, now: Snapshot, failure: Failure, tried: str = "") -> SimulationFailed:

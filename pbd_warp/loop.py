@@ -20,6 +20,7 @@ from pbd_warp.step.integrators import DOP853, EXPLICIT, INTEGRATORS, Integrator
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
 from pbd_warp.step.loading import load_modules
 from pbd_warp.step.methods import Direct
+from pbd_warp.step.program import Machine
 from pbd_warp.step.pull import Pull
 
 
@@ -30,6 +31,7 @@ class Loop:
         context: The arrays that its parts share.
         explicit: What makes frames instead of the loop; None where the loop does.
         start: The state at the start of the frame, where a failed one can be made again.
+        machine: Makes frames in one launch; None where they are launched pass by pass, or replayed so.
         compile_seconds: What loading (and at first use compiling) the kernels took.
 
     Raises:
@@ -57,7 +59,8 @@ class Loop:
             self.integrator = INTEGRATORS[name](context, damped=self.damper is not None)
             self.solver = settings.method.bind(context, self.contacts)
             if settings.grab_acceleration is not None:
-                self.pull = Pull(context, settings.grab_acceleration, settings.grab_speed)
+                bounds = settings.grab_acceleration, settings.grab_speed
+                self.pull = Pull(context, settings.dt, *bounds, fixed=not isinstance(settings.method, Direct))
         monitor = DivergenceMonitor if model.copy_count == 1 else CopyMonitor
         self.monitor: DivergenceMonitor | CopyMonitor = monitor(context, settings.limits)
         self.start: State | None = None
@@ -66,27 +69,47 @@ class Loop:
             self.start = State(*(context.allocate(f"start.{name}", n, context.vec3) for name in "xv"))
         # With contacts Newton's method is but one half of a round; no single one of them has to arrive.
         self._newton = isinstance(settings.method, Direct) and not self.contacts and settings.on_failure != "continue"
-        self.compile_seconds = self._load_kernels()
-        self._graph = self._capture() if settings.capture else None
+        self._seen = context.diverged.numpy() if model.device.is_cpu else None  # the memory itself
+        self._graph: wp.Graph | None = None
+        self.machine = self._compile() if settings.capture else None
+        if self.machine is None:
+            self.compile_seconds = self._load_kernels()
+            self._graph = self._capture() if settings.capture else None
 
-    def make_frame(self) -> None:
-        """Advance the state by a frame."""
+    def make_frames(self, frames: int) -> int:
+        """Advance the state by so many frames, or up to one that fails, or by one; how many were made."""
+        if self.machine is not None:
+            return self.machine.make(frames)
+        explicit = self.explicit
+        # A limit on energy is looked at after each frame, and one to be made again needs its own start.
+        many = explicit and explicit.makes_many and self.monitor.energy_limit is None and self.start is None
+        if explicit:
+            explicit.want(frames if many else 1)
         if self._graph is None:
             self.run_frame()
         else:
             wp.capture_launch(self._graph)
+        return explicit.made if explicit and many else 1
 
     def run_frame(self) -> None:
         """Launch the steps of a frame, and the search for divergence at its end."""
+        self._begin_frame()
+        for _ in range(self._repetitions):
+            self.run_step()
+        self.monitor.launch()
+
+    @property
+    def _repetitions(self) -> int:
+        """Of `run_step` in a frame."""
+        return 1 if self.explicit else self._settings.steps_a_frame
+
+    def _begin_frame(self) -> None:
         context = self.context
         if self.start:
             context.launch.copy(self.start.x, context.state.x)
             context.launch.copy(self.start.v, context.state.v)
         if self.counters is not None:
             context.launch.zero(self.counters)
-        for _ in range(1 if self.explicit else self._settings.steps_a_frame):
-            self.run_step()
-        self.monitor.launch()
 
     def run_step(self) -> None:
         """One step of the integrator; all of a frame, where it is explicit."""
@@ -114,23 +137,25 @@ class Loop:
 
     def find_failure(self) -> Failure | None:
         """What is wrong with the frame just made, if anything; reads a few integers back."""
-        if self.contacts:
-            needed = int(self.contacts.needed.numpy()[0])
-            if needed:
-                self.contacts.needed.zero_()
-                return "contacts", needed
-        if isinstance(self.monitor, DivergenceMonitor):
-            particle, edge, energy, piece = self.context.diverged.numpy().tolist()
-            for kind, number in ("particle", particle), ("piece", piece), ("stretch", edge), ("energy", energy):
-                if number != NOTHING:
-                    return kind, number
-        if self._newton and self.unconverged:
-            return "newton", self.unconverged
-        return None
+        seen = self.context.diverged.numpy() if self._seen is None else self._seen
+        particle, edge, energy, piece, contacts = seen.tolist()
+        if contacts:
+            self.context.diverged[4:].zero_()
+            return "contacts", contacts
+        if isinstance(self.monitor, CopyMonitor):
+            return ("copies", 0) if self.monitor.found_any(seen) else self._find_unconverged()
+        for kind, number in ("particle", particle), ("piece", piece), ("stretch", edge), ("energy", energy):
+            if number != NOTHING:
+                return kind, number
+        return self._find_unconverged()
+
+    def _find_unconverged(self) -> Failure | None:
+        return ("newton", self.unconverged) if self._newton and self.unconverged else None
 
     def find_failed_copies(self) -> dict[int, Failure]:
-        """What is wrong with each copy that has failed in the frame just made; none where there are no copies."""
-        return self.monitor.find() if isinstance(self.monitor, CopyMonitor) else {}
+        """What is wrong with each copy that has failed in the frame just made, which is then forgotten."""
+        assert isinstance(self.monitor, CopyMonitor)
+        return self.monitor.find()
 
     def lay_to_rest(self, copies: list[int]) -> None:
         """These copies take no more part."""
@@ -169,8 +194,6 @@ class Loop:
     def restart(self) -> None:
         """Forget the past: the state has been put somewhere else."""
         self.monitor.restart()
-        if self.contacts:
-            self.contacts.needed.zero_()
         for part in (self.integrator, self.solver, self.explicit):
             if part:
                 part.restart()
@@ -182,6 +205,20 @@ class Loop:
         start = time.perf_counter()
         load_modules({kernel.module.name for _, kernel in trace if kernel}, self.context.model.device)
         return time.perf_counter() - start
+
+    def _compile(self) -> Machine | None:
+        """What makes frames in one launch; None where that does not pay or a part cannot do it."""
+        with self.context.launch.record() as program:
+            self._begin_frame()
+            with program.repeat(self._repetitions):
+                self.run_step()
+            self.monitor.launch()
+        if program.obstacle is not None or not program.pays(self.context.model.particle_count):
+            return None
+        start = time.perf_counter()
+        machine = program.compile(self.context.diverged)
+        self.compile_seconds = time.perf_counter() - start
+        return machine
 
     def _capture(self) -> wp.Graph:
         with wp.ScopedCapture(device=self.context.model.device, force_module_load=False) as capture:

@@ -125,7 +125,9 @@ def _pair_overlap(sim: Simulation, x: np.ndarray) -> np.ndarray:
     model, pair = sim.model, sim.contact_pairs
     i, j = pair[pair[:, 1] >= 0].T
     deepest = np.zeros(model.copy_count)
-    np.maximum.at(deepest, model.copy[i], model.radius[i] + model.radius[j] - np.linalg.norm(x[i] - x[j], axis=1))
+    np.maximum.at(
+        deepest, i // model.copy_size, model.radius[i] + model.radius[j] - np.linalg.norm(x[i] - x[j], axis=1)
+    )
     return deepest
 
 

@@ -85,14 +85,21 @@ class Readings:
 
     @property
     def passes(self) -> list[str]:
-        """What one step (substep) launches, in order."""
+        """What one step (substep) launches, in order; a fused frame makes the same passes in one launch."""
         with self._context.launch.dry_run() as trace:
             self._loop.run_step()
         return [name for name, _ in trace]
 
     @property
+    def fused(self) -> bool:
+        """Whether a frame is one launch, in which one thread (on a GPU: one block) makes all passes."""
+        return self._loop.machine is not None
+
+    @property
     def launches(self) -> int:
-        """Launches in a frame: its steps, and the search for divergence at its end."""
+        """Launches in a frame: one where it is fused, else of its steps and of the search for divergence at its end."""
+        if self.fused:
+            return 1
         with self._context.launch.dry_run() as trace:
             self._loop.run_frame()
         return len(trace)

@@ -108,6 +108,11 @@ def scene_text(name: str) -> str:
     return " ".join((inspect.getdoc(build) or "").split()) if callable(build) else ""
 
 
+def parameters_text(name: str) -> str:
+    """A scene's parameters with their defaults, as --set takes them; empty where it has none."""
+    return " ".join(f"{parameter}={value}" for parameter, value in scene_parameters(name).items())
+
+
 def references() -> ModuleType:
     """pbd_warp.accuracy.references, for the scenes that need it; it needs SciPy."""
     try:

@@ -57,7 +57,7 @@ class Settings:
     stiffness: Of all distances, 0..1, instead of the model's own; None: as the model has them.
     gravity: [m/s^2], instead of the model's own; None: as the model has it.
     grab_acceleration: A grabbed particle is pulled with at most this force, over the mass of all that it is joined
-        to [m/s^2], so that walls, contacts and lengths win. None: it is exactly where it is told.
+        to [m/s^2], so that walls, contacts and lengths win. None, and with "dop853": it is exactly where it is told.
     grab_speed: What is pulled follows no faster [m/s].
 
     Raises:

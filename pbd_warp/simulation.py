@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
-from pbd_warp import retry
+from pbd_warp import check, retry
 from pbd_warp.built import BuiltForSettings
 from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import SimulationFailed
@@ -63,21 +63,27 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self.state = self._context.state
         self._spares: dict[str, Simulation] = {}
 
-    def step(self) -> None:
-        """Advance by one frame.
+    def step(self, frames: int = 1) -> None:
+        """Advance by so many frames, with nothing between them: what is moved is moved in the first one and rests then.
 
         Raises:
-            SimulationFailed: the frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
-                were more contacts than room for them; or no copy of a replicated model is left (see `failures`).
+            SimulationFailed: a frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
+                were more contacts than room for them; or no copy of a replicated model is left (see `failures`). It is
+                the last one made: `frame` and `state` are of it.
+            InputError: frames is not a whole number of at least 1.
         """
-        self._moved.begin_frame(self.frame)
-        self._loop.make_frame()
-        self.frame += 1
-        if copies := self._loop.find_failed_copies():
-            self._note_failed(copies)
-            return
-        failure = self._loop.find_failure()
-        if failure is None:
+        last = self.frame + check.whole("frames", frames, low=1)
+        while self.frame < last:
+            moves = self._moved.begin_frame(self.frame)
+            self.frame += self._loop.make_frames(1 if moves else last - self.frame)
+            failure = self._loop.find_failure()
+            if failure is not None:
+                self._recover(failure)
+
+    def _recover(self, failure: Failure) -> None:
+        """Make the frame just made again, as the settings say, or raise."""
+        if failure[0] == "copies":
+            self._note_failed(self._loop.find_failed_copies())
             return
         if failure[0] == "contacts":  # which no retry would help
             raise failed(self._when, self._snapshot(), failure)

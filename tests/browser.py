@@ -6,6 +6,8 @@ import shutil
 import threading
 import time
 
+import numpy as np
+
 from pbd_warp.view.server import ViewServer
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -67,17 +69,32 @@ class Page:
     def get(self, expression):
         return self.page.evaluate(expression)
 
+    def positions(self):
+        """What is drawn [m], [particle_count, 3]."""
+        return np.reshape(self.get("pbd.positions"), (-1, 3))
+
     def place(self, particle):
         """Where a particle is in the window [px]."""
         return tuple(self.get(f"pbd.project({particle})"))
 
     def pause(self):
         self.page.keyboard.press("Space")
-        self.until("document.querySelector('#pace').textContent === 'paused'")
+        self.until("pbd.paused")
+
+    def go_on(self):
+        self.page.keyboard.press("Space")
+        self.until("!pbd.paused")
 
     def click_on(self, particle):
+        """Take hold of it. What moves is stopped meanwhile: a script's mouse comes later than it looks."""
+        moving = not self.get("pbd.paused")
+        if moving:
+            self.pause()
+        self.until("pbd.shown === pbd.frame")
         self.page.mouse.click(*self.place(particle))
         self.until(f"pbd.held === {particle} && pbd.holder === pbd.me")
+        if moving:
+            self.go_on()
 
     def lead(self, path):
         """Hover along places in the window [px], about one an animation frame, no button held."""

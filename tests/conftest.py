@@ -1,13 +1,12 @@
 """What all tests share. Hypothesis draws the same examples every time."""
 
+import os
+
 import numpy as np
 import pytest
 import warp as wp
+from browser import ARGUMENTS, CHROMIUM, Page
 from hypothesis import HealthCheck, settings
-
-# Left out until they are finished: the browser's tests speak to the page of before, and in the others a page waits
-# for frames that do not come (first seen where one of several pages does not read). See CHANGELOG, "Known gaps".
-collect_ignore = ["test_view_browser.py", "test_view_server.py", "test_view_floods.py", "test_view_access.py"]
 
 settings.register_profile(
     "same", derandomize=True, deadline=None, max_examples=30, suppress_health_check=list(HealthCheck)
@@ -26,3 +25,37 @@ def pytest_addoption(parser):
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)
+
+
+WINDOW = {"width": 900, "height": 560}
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    if CHROMIUM is None:
+        reason = "the browser tests need Chromium: apt-get install --no-install-recommends chromium"
+        pytest.fail(reason) if os.environ.get("CI") else pytest.skip(reason)
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_page(chromium):
+    """A page of a server in a browser context (and so a process) of its own; no page may have had an error."""
+    opened = []
+
+    def make(server, ready=True, **options):
+        # Playwright's own waiting needs eval, which the page's security policy forbids.
+        context = chromium.new_context(**{"viewport": WINDOW, "bypass_csp": True, **options})
+        opened.append((context, Page(context, server, ready)))
+        return opened[-1][1]
+
+    yield make
+    errors = [error for _, page in opened for error in page.errors]
+    for context, _ in opened:
+        context.close()
+    assert errors == []

@@ -30,8 +30,25 @@ def last_line(text):
 def test_list(tmp_path):
     result = call("list", cwd=tmp_path)
     assert result.returncode == 0
-    assert [line.split()[0] for line in result.stdout.splitlines()] == pbd.scene_names()
-    assert all(len(line.split()) > 5 for line in result.stdout.splitlines())
+    scenes = [line for line in result.stdout.splitlines() if not line.startswith(" ")]
+    assert [line.split()[0] for line in scenes] == pbd.scene_names()
+    assert all(len(line.split()) > 5 for line in scenes)
+
+
+def test_list_info_and_help_tell_a_scenes_parameters(tmp_path):
+    lines = call("list", cwd=tmp_path).stdout.splitlines()
+    chain = next(number for number, line in enumerate(lines) if line.startswith("chain "))
+    assert lines[chain + 1].split() == ["--set", "links=9"]
+    assert "parameters       links=9\n" in call("info", "chain", cwd=tmp_path).stdout
+    assert "parameters       none\n" in call("info", "rope", cwd=tmp_path).stdout
+    for name in ("run", "view"):
+        text = " ".join(call(name, "chain", "--help", cwd=tmp_path).stdout.split())
+        assert "Parameters of chain (--set NAME=VALUE): links=9 links: how many the metre is made of." in text
+        assert "Parameters of" not in call(name, "--help", cwd=tmp_path).stdout
+    (tmp_path / "mine.py").write_text("import pbd_warp\n\n\ndef scene(size: float = 2.5):\n    pass\n")
+    assert "size=2.5" in call("run", "mine.py", "--help", cwd=tmp_path).stdout
+    (tmp_path / "mine.py").write_text("import nothing_like_this\n")
+    assert "fails to import" in call("run", "mine.py", "--help", cwd=tmp_path).stdout
 
 
 def test_run_writes_the_file_the_table_and_the_stats(tmp_path):
@@ -100,7 +117,11 @@ def test_run_and_the_api_give_the_same_motion(tmp_path):
 def test_info_is_the_cost_sheet(tmp_path):
     result = call("info", "rope", cwd=tmp_path)
     assert result.returncode == 0
-    for line in ("launches a step  15", "launches a frame 721", "  2 x (project_distance)\n  project_point\n"):
+    for line in (
+        "passes a step    16",
+        "launches a frame 1, which makes all passes",
+        "  2 x (project_distance)\n  project_point\n",
+    ):
         assert line in result.stdout
     assert "contact" not in result.stdout
 

@@ -7,10 +7,14 @@ import pytest
 import warp as wp
 
 import pbd_warp.kernels
-from pbd_warp.kernels.precision import MODULES
+from pbd_warp.kernels.precision import MODULES, PRECISIONS
+from pbd_warp.step.program import MACHINES, load_machine
 
 for module in pkgutil.iter_modules(pbd_warp.kernels.__path__):
     importlib.import_module(f"pbd_warp.kernels.{module.name}")
+for machine in MACHINES:
+    for real in PRECISIONS:
+        load_machine(machine, real)
 
 
 @pytest.mark.parametrize("module", MODULES)

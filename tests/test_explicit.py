@@ -273,6 +273,42 @@ def test_the_captured_frame_is_the_same_and_one_launch_and_goes_on_from_a_checkp
     np.testing.assert_array_equal(where(replayed), where(resumed))
 
 
+@pytest.mark.parametrize("case", ["path", "net", "path, held inside", "two pieces, one a single particle"])
+def test_many_frames_in_one_call_are_the_same_frames(case):
+    together, apart = explicit(CASES[case], error=1e-8), explicit(CASES[case], 12, error=1e-8)
+    together.step(frames=5)
+    together.step(frames=7)
+    assert together.frame == 12
+    for a, b in zip(state(together), state(apart), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_what_is_moved_is_moved_in_the_first_of_many_frames():
+    together, apart = explicit(CASES["path"], error=1e-8), explicit(CASES["path"], error=1e-8)
+    target = where(together)[6] + np.array([0.01, 0.0, 0.0])
+    for sim in (together, apart):
+        sim.grab(6)
+        sim.move_to(target)
+    together.step(frames=4)
+    step(apart, 4)
+    np.testing.assert_array_equal(where(together), where(apart))
+    assert np.abs(where(together)[6] - target).max() < 1e-15
+
+
+def test_many_frames_stop_at_the_one_that_fails():
+    """Steps too long for the whip: after some frames its piece fails."""
+    apart, together = (explicit(straight(50), substeps=1) for _ in range(2))
+    with pytest.raises(SimulationFailed):
+        step(apart, 600)
+    assert 1 < apart.frame < 600
+    with pytest.raises(SimulationFailed, match=f"frame {apart.frame}"):
+        together.step(frames=600)
+    assert together.frame == apart.frame
+    np.testing.assert_array_equal(where(together), where(apart))
+    with pytest.raises(InputError, match="frames"):
+        together.step(frames=0)
+
+
 # What it takes and what it refuses.
 
 

@@ -88,9 +88,10 @@ PASSES = {
     "rope": ["project_distance", "project_distance", "project_point"],
     "collision": ["project_contact", "add_corrections"],
 }
-DAMPING = ["accelerate", *["zero"] * 5, "sum_momentum", "sum_angular_momentum", "find_rotation", "damp_velocities"]
+DAMPING = ["accelerate", *["zero"] * 5, "sum_momentum", "divide_by_mass", "sum_angular_momentum"]
+DAMPING += ["find_rotation", "damp_velocities"]
 FIND = [
-    *["zero", "copy", "copy", "sweep_midpoints", "HashGrid.build", "find_contacts", "find_collider_contacts"],
+    *["zero", "copy", "copy", "find_close_contacts", "find_collider_contacts"],
     *["note_overflow", "zero", "zero"],
 ]
 BOUNCE = ["zero", "count_active", "bounce", "add_corrections"]

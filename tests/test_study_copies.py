@@ -6,6 +6,7 @@ import pytest
 import pbd_warp as pbd
 from pbd_warp.measure import measure_copies
 from pbd_warp.model.copies import join
+from pbd_warp.step.constraints import contact
 
 LINKS = 5
 METHODS = [pbd.Jacobi(5), pbd.GaussSeidel(5), pbd.Direct()]
@@ -30,8 +31,7 @@ def run(model, frames=10, **settings):
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("method", METHODS)
 def test_a_copy_moves_as_it_would_alone_to_the_last_bit(method, dtype):
-    short, long = (1, 1) if method.name == "direct" else (0.7, 2)  # its tolerance is of the longest link of all
-    models = [chain(*each).finalize(dtype=dtype) for each in ((1, 1, 0), (3, short, 0.4), (0.2, long, -0.3))]
+    models = [chain(*each).finalize(dtype=dtype) for each in ((1, 1, 0), (3, 0.7, 0.4), (0.2, 2, -0.3))]
     settings = {"method": method, "substeps": 3, "damping": 0.2}
     together = run(join(models), **settings)
     x = together.state.x.numpy().reshape(3, LINKS + 1, 3)
@@ -149,6 +149,18 @@ def test_limits_hold_for_each_copy(tmp_path):
     assert sim.failures == {}
 
 
+def test_many_frames_in_one_call_note_the_frame_in_which_a_copy_failed():
+    stretched = chain().replicate(3, compliance=[[1e-6], [0.05], [10.0]]).finalize()
+    settings = {"method": pbd.GaussSeidel(40), "limits": pbd.Limits(stretch=0.5)}
+    one_by_one = run(stretched, frames=30, **settings)
+    assert sorted(one_by_one.failures) == [1, 2]
+    assert len({text.split(" (")[0] for text in one_by_one.failures.values()}) == 2, "both in one frame"
+    at_once = pbd.Simulation(stretched, **settings)
+    at_once.step(frames=30)
+    assert (at_once.frame, at_once.failures) == (30, one_by_one.failures)
+    assert np.array_equal(at_once.state.x.numpy(), one_by_one.state.x.numpy())
+
+
 def test_when_no_copy_is_left_the_run_has_failed():
     v = np.zeros((2, LINKS + 1, 3))
     v[:, -1] = 0, 0, 1e25
@@ -156,7 +168,9 @@ def test_when_no_copy_is_left_the_run_has_failed():
         run(chain().replicate(2, velocity=v).finalize())
 
 
-def test_copies_do_not_meet():
+@pytest.mark.parametrize("without_grid", [300, 0])
+def test_copies_do_not_meet(monkeypatch, without_grid):
+    monkeypatch.setattr(contact, "WITHOUT_GRID", without_grid)
     builder = pbd.ModelBuilder(gravity=(0, 0, 0))
     builder.add_particles([(0, 0, 0), (0.5, 0, 0)], velocity=[(1, 0, 0), (-1, 0, 0)], radius=0.1)
     builder.enable_contacts()

@@ -223,7 +223,6 @@ def test_strangers_leave_no_trace_in_the_terminal(capsys, caplog):
     with caplog.at_level(logging.DEBUG, logger="pbd_warp"):
         asyncio.run(go())
     assert capsys.readouterr().err == ""
-    assert not [record for record in caplog.records if record.name.startswith(("aiohttp", "pbd_warp"))]
 
 
 def test_a_busy_port_gives_the_next():

@@ -49,7 +49,7 @@ def test_odd_messages_are_ignored_with_a_reason_and_the_simulation_goes_on():
         ("nonsense", 2000, "too many messages"),
         ('{"type": "seen", "count": 0}', 2000, "too many messages"),
         ('{"type": "reset"}', 2000, "too many messages"),
-        ("x" * 10_000, 1, ""),
+        ("x" * 20_000, 1, ""),
     ],
 )
 def test_a_page_that_floods_is_dropped_with_a_reason_and_the_others_go_on(text, count, reason):

@@ -8,6 +8,7 @@ from pbd_warp.cli.app import command
 from pbd_warp.cli.options import Debug, Device, Dtype, SceneName, Seed, Set, scene_with, takes_settings
 from pbd_warp.cli.terminal import one_sentence, tell, warn
 from pbd_warp.cost import cost_sheet, too_much
+from pbd_warp.scene import parameters_text
 from pbd_warp.simulation import Simulation
 
 
@@ -31,4 +32,5 @@ def info(
         if sentence:
             warn(sentence)
         sheet = cost_sheet(Simulation(model, built.settings))
-        tell(f"scene            {built.name}, {model.dtype} on {model.device}, {built.settings.method}\n{sheet}")
+        tell(f"scene            {built.name}, {model.dtype} on {model.device}, {built.settings.method}")
+        tell(f"parameters       {parameters_text(scene) or 'none'}\n{sheet}")

@@ -96,7 +96,9 @@ async def _serve(server: ViewServer, no_open: bool, record: Path | None) -> None
         await asyncio.wait([stopped, begun], return_when=asyncio.FIRST_COMPLETED)
         if server.begun.done():
             server.begun.result()  # a scene that cannot be simulated like this
-        await stopped
+        await asyncio.wait([stopped, server.task], return_when=asyncio.FIRST_COMPLETED)
+        if server.task.done():
+            server.task.result()  # a mistake of ours must not leave a server that does nothing
     finally:
         await server.stop()
         if record is not None and server.begun.done() and not server.begun.exception():

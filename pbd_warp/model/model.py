@@ -77,9 +77,9 @@ class Model:
         return len(self.distance) + len(self.point)
 
     @property
-    def copy(self) -> np.ndarray:
-        """Of which copy each particle is, int [particle_count]."""
-        return np.arange(self.particle_count) // (self.particle_count // self.copy_count)
+    def copy_size(self) -> int:
+        """Particles of one copy."""
+        return self.particle_count // self.copy_count
 
     @property
     def dtype(self) -> str:

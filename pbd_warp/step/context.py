@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from pbd_warp.kernels import divergence
 from pbd_warp.kernels.precision import PRECISIONS
 from pbd_warp.model.model import Model, State
 from pbd_warp.step.launch import Launcher
 
-NOTHING = np.iinfo(np.int32).max
-"""In `diverged`: nothing to tell."""
+NOTHING = int(divergence.NOTHING)
+"""In all places of `diverged` but the last: nothing to tell."""
+
+NOTHING_TO_TELL = np.array([*[NOTHING] * 4, 0], np.int32)
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class Context:
         w: Inverse masses [1/kg], [particle_count]: the model's, but 0 for a grabbed particle.
         u: Displacement of the step [m], [particle_count].
         point_target: Of the point constraints [m], [point_count]; None where there are none.
-        diverged: What a frame has found, int32 [4]: see kernels/divergence.py.
+        diverged: What a frame has found, int32 [5]: see kernels/divergence.py.
         arrays: All device arrays by name.
         fixed: Names of those that hold numbers of particles and the like, which never change.
     """
@@ -67,8 +70,11 @@ class Context:
         self.point_target = None
         if len(model.point):
             self.point_target = self.upload("point.target", model.point.target, self.vec3)
-        self.diverged = self.upload("diverged", [NOTHING] * 4, wp.int32)
+        self.diverged = self.upload("diverged", NOTHING_TO_TELL, wp.int32)
         self.gravity = self.vec3(*model.gravity)
+
+    def forget_divergence(self) -> None:
+        self.diverged.assign(NOTHING_TO_TELL)
 
     def upload(self, name: str, values: Any, dtype: Any = None) -> wp.array:
         """A device array, by default in the model's precision; `name` is what the cost sheet calls it."""

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from pbd_warp.kernels.copies import check_copies
+from pbd_warp.kernels.divergence import CONTACTS
 from pbd_warp.step.context import NOTHING, Context
 from pbd_warp.step.divergence import Limits, energy_of
 
@@ -26,12 +27,12 @@ class CopyMonitor:
             self._mass = context.upload("copies.mass", model.mass)
             start = energy_of(model).reshape(n, -1).sum(axis=1)
             self.energy_limit = context.upload("copies.energy_limit", start + limits.energy, wp.float64)
-        self.found = context.upload("copies.found", np.full((n, 3), NOTHING), wp.int32)
+        self.found = context.upload("copies.found", np.full((n, 3), NOTHING), wp.vec3i)
 
     def restart(self) -> None:
         """Forget what was found."""
-        self._context.diverged.fill_(NOTHING)
-        self.found.fill_(NOTHING)
+        self._context.forget_divergence()
+        self.found.fill_(wp.vec3i(NOTHING))
 
     def launch(self) -> None:
         """At the end of a frame."""
@@ -45,11 +46,14 @@ class CopyMonitor:
             *(self.found, context.diverged),
         )
 
+    @staticmethod
+    def found_any(diverged: np.ndarray) -> bool:
+        """Whether there is anything to `find`."""
+        return bool((diverged[:CONTACTS] != NOTHING).any())
+
     def find(self) -> dict[int, tuple[str, int]]:
         """What is wrong with each copy that has diverged in the frame, in its own particles and edges; then all is
-        forgotten. Reads the details back only where there are any."""
-        if (self._context.diverged.numpy() == NOTHING).all():
-            return {}
+        forgotten."""
         found = self.found.numpy().copy()
         self.restart()
         first = np.argmax(found != NOTHING, axis=1)

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from pbd_warp.kernels.damping import damp_velocities, find_rotation, sum_angular_momentum, sum_momentum
+from pbd_warp.kernels.damping import (
+    damp_velocities,
+    divide_by_mass,
+    find_rotation,
+    sum_angular_momentum,
+    sum_momentum,
+)
 from pbd_warp.kernels.integrate import accelerate
 from pbd_warp.step.context import Context, Stage
 
@@ -27,8 +33,9 @@ class Damper:
         self.first = context.upload("damping.first", first, wp.int32)
         n = len(first)
         self.mass = context.allocate("damping.mass", n, context.real)
-        self.moment = context.allocate("damping.moment", n, context.vec3)
-        self.momentum = context.allocate("damping.momentum", n, context.vec3)
+        # First the moment and the momentum, then both over the mass.
+        self.centre = context.allocate("damping.centre", n, context.vec3)
+        self.velocity = context.allocate("damping.velocity", n, context.vec3)
         self.angular_momentum = context.allocate("damping.angular_momentum", n, context.vec3)
         self.inertia = context.allocate("damping.inertia", n, context.mat33)
         self.omega = context.allocate("damping.omega", n, context.vec3)
@@ -42,10 +49,11 @@ class Damper:
         x, v, w = context.state.x, context.state.v, context.w
         launch(accelerate, len(x), context.gravity, w, stage.dt, v)
         graph = (self.component, self.first)
-        sums = (self.mass, self.moment, self.momentum)
-        for array in (*sums, self.angular_momentum, self.inertia):
+        means = (self.centre, self.velocity)
+        for array in (self.mass, *means, self.angular_momentum, self.inertia):
             launch.zero(array)
-        launch(sum_momentum, len(x), *graph, x, v, w, *sums)
-        launch(sum_angular_momentum, len(x), *graph, x, v, w, *sums, self.angular_momentum, self.inertia)
+        launch(sum_momentum, len(x), *graph, x, v, w, self.mass, *means)
+        launch(divide_by_mass, len(self.first), self.mass, *means)
+        launch(sum_angular_momentum, len(x), *graph, x, v, w, *means, self.angular_momentum, self.inertia)
         launch(find_rotation, len(self.first), self.angular_momentum, self.inertia, self.cutoff, self.omega)
-        launch(damp_velocities, len(x), *graph, x, w, *sums, self.omega, self.fraction, v)
+        launch(damp_velocities, len(x), *graph, x, w, *means, self.omega, self.fraction, v)

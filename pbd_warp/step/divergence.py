@@ -10,7 +10,7 @@ import warp as wp
 from pbd_warp import check
 from pbd_warp.kernels.divergence import CHUNK, check_energy, check_stretch, sum_energy
 from pbd_warp.model.model import Model
-from pbd_warp.step.context import NOTHING, Context
+from pbd_warp.step.context import Context
 
 STRETCHED = 0.1
 """A rigid link further off its length, or two particles deeper inside each other, than this fraction of it count as a
@@ -62,7 +62,7 @@ class DivergenceMonitor:
 
     def restart(self) -> None:
         """Forget what was found."""
-        self._context.diverged.fill_(NOTHING)
+        self._context.forget_divergence()
 
     def launch(self) -> None:
         """At the end of a frame."""

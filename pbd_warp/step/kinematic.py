@@ -82,11 +82,13 @@ class KinematicParticles:
         self._fixed_path.stop()
         self._fixed_path.begin(frame, index, target, self._dt)
 
-    def begin_frame(self, frame: int) -> None:
-        """What is not moved in this frame rests."""
-        for path in (self._held_path, self._fixed_path):
+    def begin_frame(self, frame: int) -> bool:
+        """What is not moved in this frame rests; whether anything is moved."""
+        paths = (self._held_path, self._fixed_path)
+        for path in paths:
             if path.frame != frame:
                 path.stop()
+        return any(path.frame == frame for path in paths)
 
     def reset(self) -> None:
         """Nothing is held or moves."""

@@ -18,6 +18,7 @@ _REMEDIES: tuple[_Remedy, ...] = (
     (r"\buse integrator '(\w+)'", lambda found, now: (f"Integrator {found[1]}", {"integrator": found[1]})),
     (r"\bon_failure='(subdivide)'", lambda found, now: ("Smaller steps where needed", {"on_failure": "subdivide"})),
     (r"\bmax_contacts=(\d+)", lambda found, now: (f"Room for {found[1]}", {"max_contacts": int(found[1])})),
+    (r"\bgrab it exactly\b", lambda found, now: ("Grab exactly", {"grab_acceleration": None})),
     (r"\bfloat64\b", lambda found, now: ("float64", {"dtype": "float64"})),
     (r"\bdoes not model damping\b", lambda found, now: ("Damping 0", {"damping": 0.0})),
     (r"\bdoes not model stiffness below 1\b", lambda found, now: ("Stiffness 1", {"stiffness": 1.0})),

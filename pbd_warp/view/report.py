@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pbd_warp.cost import cost_sheet
+from pbd_warp.errors import InputError
 from pbd_warp.measure import measure
 from pbd_warp.scene import scene_parameters, scene_summary, scene_text
 from pbd_warp.simulation import Simulation
@@ -90,9 +91,12 @@ def status(session: Session) -> dict[str, Any]:
 
 @lru_cache(maxsize=64)
 def _choice(source: str) -> dict[str, Any]:
-    """A scene that can be opened."""
-    summary = "" if source.endswith(".py") else scene_summary(source)
-    return {"summary": summary, "text": scene_text(source), "parameters": scene_parameters(source)}
+    """A scene that can be opened; one that was made in a program has no file, and so no parameters."""
+    try:
+        summary = "" if source.endswith(".py") else scene_summary(source)
+        return {"summary": summary, "text": scene_text(source), "parameters": scene_parameters(source)}
+    except InputError:
+        return {"summary": "", "text": "", "parameters": {}}
 
 
 @lru_cache(maxsize=1)

@@ -63,7 +63,7 @@ class ViewServer:
 
     Attributes:
         port, url, urls: Where the page is, once started; `url` for this machine, `urls` for others too.
-        begun: Done when the first simulation is there; an InputError if it is refused.
+        begun: Done when the first simulation is there; an InputError if it is refused. task: Done if it ends.
         frames_sent: Frames sent, by the number of the page.
     """
 
@@ -75,14 +75,14 @@ class ViewServer:
         also: Sequence[str] = (),
         token: bool = False,
     ):
-        self.session = session
-        self.access = Access(host, also, token)
+        self.session, self.access = session, Access(host, also, token)
         self.host, self.port = host, port
         self.frames_sent: dict[int, int] = {}
         self._pages: dict[int, Connection] = {}
         self._waiting: list[tuple[int, say.Message | None]] = []  # None: the page has gone
         self._called = asyncio.Event()
         self._opened = asyncio.Event()
+        self._ending = False
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="simulation")
         self._busy: dict[str, Any] = {"text": None, "compiling": None}
         self._runner: web.AppRunner | None = None
@@ -129,15 +129,16 @@ class ViewServer:
         loading.listeners.append(self._tell_loading)
         self._set_busy({"text": f"Opening {self.session.scene.name}"})
         self.begun: asyncio.Future[None] = asyncio.ensure_future(loop.run_in_executor(self._thread, self.session.begin))
-        self._task = asyncio.create_task(self._simulate())
+        self.task = asyncio.create_task(self._simulate())
 
     async def stop(self) -> None:
         """Close all pages; nothing is simulated after this."""
-        if not self._runner:
+        if not self._runner or self._ending:
             return
         loading.listeners.remove(self._tell_loading)
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
+        self._ending = True  # besides: up to Python 3.11 wait_for may swallow a cancellation
+        self.task.cancel()
+        await asyncio.gather(self.task, return_exceptions=True)
         for page in list(self._pages.values()):
             await page.socket.close(code=1001, message=b"ended")
         await self._runner.cleanup()
@@ -157,7 +158,7 @@ class ViewServer:
         loop = asyncio.get_running_loop()
         pace = Pace(self.session.scene.fps, loop.time())
         told = -STATUS_EVERY
-        while True:
+        while not self._ending:
             await self._wait_until(pace.due if self.session.running else None)
             commands, self._waiting = self._waiting, []
             self._called.clear()

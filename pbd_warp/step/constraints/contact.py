@@ -10,13 +10,16 @@ import warp as wp
 
 from pbd_warp.kernels.bounce import bounce, count_active
 from pbd_warp.kernels.collider import find_collider_contacts
-from pbd_warp.kernels.contact import find_contacts, note_overflow, project_contact, sweep_midpoints
+from pbd_warp.kernels.contact import find_close_contacts, find_contacts, note_overflow, project_contact, sweep_midpoints
 from pbd_warp.kernels.jacobi import add_corrections
 from pbd_warp.step.context import Context, Stage
 
 MARGIN = 0.05
 """Contacts are watched from this fraction of r_i + r_j before touching: other constraints move particles within the
 step, and a pair that was not watched would overlap until the next one."""
+
+WITHOUT_GRID = 300
+"""Up to so many particles (of a copy) each looks at all others: building a grid takes longer (benchmarks/frames.py)."""
 
 CONTACTS_PER_PARTICLE = 8
 """Room by default. Equal spheres touch at most 12 others, each contact counted once for two: 6, and 2 colliders."""
@@ -47,7 +50,6 @@ class ContactConstraints:
         self.capacity = room_for_contacts(n, max_contacts)
         self.radius = context.upload("contact.radius", model.radius)
         self.count = context.allocate("contact.count", 1, wp.int32)
-        self.needed = context.allocate("contact.needed", 1, wp.int32)
         self.pair = context.allocate("contact.pair", self.capacity, wp.vec2i)
         self.normal = context.allocate("contact.normal", self.capacity, context.vec3)
         self.gap = context.allocate("contact.gap", self.capacity, context.real)
@@ -73,7 +75,13 @@ class ContactConstraints:
         self.collider_friction = context.upload("collider.friction", colliders.friction)
         self.collider_restitution = context.upload("collider.restitution", colliders.restitution)
 
-        if self.pairs:
+        self.neighbour_start = self.neighbour = None
+        if self.pairs and len(model.distance):
+            start, neighbour = neighbours(model.distance.edge, n)
+            self.neighbour_start = context.upload("contact.neighbour_start", start, wp.int32)
+            self.neighbour = context.upload("contact.neighbour", neighbour, wp.int32)
+        self.grid = None
+        if self.pairs and model.copy_size > WITHOUT_GRID:
             self.max_radius = float(model.radius.max())
             self.cell_width = 2.0 * self.max_radius * (1.0 + MARGIN)
             # Some two cells a particle; the grid wraps around, so its extent does not bound the scene.
@@ -82,13 +90,6 @@ class ContactConstraints:
             self.grid.reserve(n)
             self.midpoint = context.allocate("contact.midpoint", n, context.vec3)
             self.sweep = context.allocate("contact.sweep", n, context.real)
-            self.neighbour_start = self.neighbour = self.copy = None
-            if model.copy_count > 1:
-                self.copy = context.upload("contact.copy", model.copy, wp.int32)
-            if len(model.distance):
-                start, neighbour = neighbours(model.distance.edge, n)
-                self.neighbour_start = context.upload("contact.neighbour_start", start, wp.int32)
-                self.neighbour = context.upload("contact.neighbour", neighbour, wp.int32)
 
     def find(self) -> None:
         """Line 8: generateCollisionConstraints(x -> p)."""
@@ -99,23 +100,23 @@ class ContactConstraints:
         launch.zero(self.count)
         launch.copy(self.valence, self._lasting_valence)
         launch.copy(self.v_before, context.state.v)
-        if self.pairs:
+        joined = (self.neighbour_start, self.neighbour, context.model.copy_size)
+        if self.grid is not None:
             launch(sweep_midpoints, n, x, u, self.midpoint, self.sweep)
             launch.build_grid(self.grid, self.midpoint, self.cell_width)
             launch(
                 find_contacts,
                 n,
-                *(
-                    self.grid.id,
-                    self.radius,
-                    self.max_radius,
-                    MARGIN,
-                    self.depenetration,
-                    self.neighbour_start,
-                    self.neighbour,
-                    self.copy,
-                ),
+                *(self.grid.id, self.radius, self.max_radius, MARGIN, self.depenetration, *joined),
                 *(x, w, u, self.midpoint, self.sweep),
+                *(*self.found, self.valence),
+            )
+        elif self.pairs:
+            launch(
+                find_close_contacts,
+                n,
+                *(self.radius, MARGIN, self.depenetration, *joined),
+                *(x, w, u),
                 *(*self.found, self.valence),
             )
         if len(self.kind):
@@ -126,7 +127,7 @@ class ContactConstraints:
                 *(x, w, u),
                 *(*self.found, self.valence),
             )
-        launch(note_overflow, 1, self.count, self.capacity, self.needed)
+        launch(note_overflow, 1, self.count, self.capacity, context.diverged)
 
     def begin(self, stage: Stage) -> None:
         self._context.launch.zero(self.lam)

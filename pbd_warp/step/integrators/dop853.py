@@ -78,6 +78,9 @@ class DOP853:
             point = upload("point", at[pieces.vertex], wp.int32)
         epsilon = float(np.finfo(model.dtype).eps)
         self._step = upload("step", np.ones(self._piece_count))
+        self._makes_many = self._piece_count == 1 and not np.any(distance.compliance > 0.0)
+        self._frames = scratch("frames", 2, wp.int32)
+        self._seen = self._frames.numpy() if model.device.is_cpu else None  # the memory itself
         self._used = scratch("steps_used", self._piece_count, wp.int32)
         v, u, v_next, error5, error3 = (
             scratch(name, places, vec3) for name in ("v", "u", "v_next", "error5", "error3")
@@ -102,12 +105,30 @@ class DOP853:
             *(by_blocks(array) for array in (v, u, v_next, error5, error3, k)),
             scratch("link_direction", links, vec3), scratch("link_inverse", links), scratch("link_y", links),
             scratch("where", links, wp.int32), scratch("factor", len(graph.schedule["row"])),
-            self._used, context.diverged,
+            self._frames, self._used, context.diverged,
         ]  # fmt: skip
 
     def make_frame(self) -> None:
         """One launch."""
         self._context.launch(make_frame, self._piece_count, *self._arguments)
+
+    @property
+    def makes_many(self) -> bool:
+        """Whether one launch can make several frames, and stops at one that fails: pieces do not wait for each other,
+        and springs may stretch beyond a limit that is looked at after the launch."""
+        return self._makes_many
+
+    def want(self, frames: int) -> None:
+        """How many frames a launch makes."""
+        if self._seen is None:
+            self._frames[:1].fill_(frames)
+        else:
+            self._seen[0] = frames
+
+    @property
+    def made(self) -> int:
+        """How many frames the last launch made."""
+        return int((self._frames.numpy() if self._seen is None else self._seen)[1])
 
     @property
     def steps_used(self) -> np.ndarray:

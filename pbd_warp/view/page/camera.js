@@ -22,6 +22,8 @@ export function boxOf(x, radius) {
   return [low, high];
 }
 
+export const sizeOf = (low, high) => Math.hypot(...low.map((value, k) => high[k] - value));
+
 export class Camera {
   constructor() {
     this.target = [0, 0, 0];

@@ -24,9 +24,8 @@ export const THEMES = {
 
 export class Drawing {
   constructor(canvas, colours) {
-    // Smooth edges where there is a GPU; without one they would take half of all time.
-    const smooth = { alpha: false, antialias: true, failIfMajorPerformanceCaveat: true };
-    const gl = canvas.getContext("webgl2", smooth) ?? canvas.getContext("webgl2", { alpha: false, antialias: false });
+    // Smooth edges where there is a GPU; without one they would take most of the time.
+    const gl = canvas.getContext("webgl2", { alpha: false, antialias: !bySoftware() });
     if (!gl) throw new Error("This browser has no WebGL2.");
     this.gl = gl;
     this.canvas = canvas;
@@ -179,6 +178,16 @@ export class Drawing {
     gl.bindTexture(gl.TEXTURE_2D, texture);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, lines, width === 3 ? gl.RGB : gl.RGBA, gl.FLOAT, texels);
   }
+}
+
+// Whether there is no GPU: some say so of themselves, others by their name.
+function bySoftware() {
+  const probe = document.createElement("canvas").getContext("webgl2", { failIfMajorPerformanceCaveat: true });
+  if (!probe) return true;
+  const info = probe.getExtension("WEBGL_debug_renderer_info");
+  const name = probe.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : probe.RENDERER);
+  probe.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
 }
 
 // The largest of ..., 0.1, 0.2, 0.5, 1, 2, ... that is not above a value.

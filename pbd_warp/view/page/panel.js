@@ -31,7 +31,7 @@ export class Panel {
     }
     for (const id of ["substeps", "iterations"]) {
       $(id).addEventListener("input", () => { this.editing = id; });
-      $(id).addEventListener("change", () => this.change(id, Number($(id).value)));
+      $(id).addEventListener("change", () => { this.change(id, Number($(id).value)); $(id).blur(); });
     }
     for (const id of ["stiffness", "damping", "gravity"]) {
       $(id).addEventListener("input", () => {

@@ -12,6 +12,7 @@ export class RopeDrawing {
   start() {
     Object.assign(this, { points: [], pinned: new Set(), active: true });
     this.bar.hidden = false;
+    this.view.touched(); // the hint is in its place
     this.draw();
   }
 

@@ -1,9 +1,10 @@
 // The conversation with the server, the keys, and what is drawn when.
 
-import { boxOf, Camera } from "./camera.js";
+import { boxOf, Camera, sizeOf } from "./camera.js";
 import { Dragging } from "./drag.js";
 import { Drawing, THEMES } from "./draw.js";
 import { Messages } from "./messages.js";
+import { Follower } from "./follow.js";
 import { length, Panel } from "./panel.js";
 import { Playhead } from "./play.js";
 import { RopeDrawing } from "./rope.js";
@@ -15,11 +16,21 @@ const FAR = 10; // px between a held particle and the cursor, above which a line
 
 const $ = (id) => document.getElementById(id);
 const canvas = $("picture");
-const drawing = new Drawing(canvas, THEMES[scheme()]);
+const drawing = draws();
 const camera = new Camera();
+const follower = new Follower(camera);
 const playhead = new Playhead();
 const panel = new Panel(say);
 const messages = new Messages(say);
+
+function draws() {
+  try {
+    return new Drawing(canvas, THEMES[scheme()]);
+  } catch (error) {
+    Object.assign($("away"), { hidden: false, textContent: `Nothing can be drawn: ${error.message}` });
+    throw error;
+  }
+}
 
 let socket = null;
 let me = 0; // this page's number
@@ -27,7 +38,6 @@ let status = null;
 let held = -1, holder = 0, target = [0, 0, 0]; // who is held by which page, and pulled to where
 let received = 0, drawn = 0;
 let stale = true; // what is on the screen is not what would be drawn now
-let following = true; // the camera has not been moved by hand since it was fitted
 const link = takeLink();
 let wanted = link;
 
@@ -39,7 +49,7 @@ const view = {
   get held() { return held; },
   say,
   redraw() { stale = true; },
-  moved() { following = false; stale = true; },
+  moved() { follower.end(); stale = true; },
   touched() { $("hint").classList.add("done"); },
 };
 const rope = new RopeDrawing(view, $("rope"), $("drawn"));
@@ -100,29 +110,19 @@ function load(scene) {
 function frame() {
   const { low, high, axis } = view.scene;
   camera.frame(low, high, axis);
-  following = true;
+  follower.begin(low, high);
 }
 
 // Everything in sight, from where one looks.
 function fit() {
   if (!view.shown) return;
-  const [low, high] = boxOf(view.shown.x, view.scene.radius);
-  camera.fit(low.map((value, k) => Math.min(value, view.scene.low[k])), high.map((value, k) => Math.max(value, view.scene.high[k])));
-  if (!camera.contains(low, high)) camera.fit(low, high);
-  following = true;
+  const { low, high } = view.scene;
+  const [lowest, highest] = boxOf(view.shown.x, view.scene.radius);
+  const both = [low.map((value, k) => Math.min(value, lowest[k])), high.map((value, k) => Math.max(value, highest[k]))];
+  const [from, to] = sizeOf(...both) > 4 * sizeOf(low, high) ? [lowest, highest] : both;
+  camera.fit(from, to);
+  follower.begin(from, to);
   stale = true;
-}
-
-// What walks out is framed, unless somebody has moved the camera or is dragging; at least as much as a scene's size.
-function follow() {
-  if (!following || dragging.down || dragging.grab || !view.shown) return;
-  let [low, high] = boxOf(view.shown.x, view.scene.radius);
-  if (![...low, ...high].every(Number.isFinite) || camera.contains(low, high)) return;
-  const least = Math.min(...view.scene.low.map((value, k) => view.scene.high[k] - value).filter((size) => size > 0)) / 2;
-  const middle = low.map((value, k) => 0.5 * (value + high[k]));
-  low = low.map((value, k) => Math.min(value, middle[k] - (view.scene.low[k] < view.scene.high[k] ? least : 0)));
-  high = high.map((value, k) => Math.max(value, middle[k] + (view.scene.low[k] < view.scene.high[k] ? least : 0)));
-  camera.follow(low, high);
 }
 
 // A frame: generation, frame, held particle, page that holds it, where it is pulled to; positions.
@@ -149,7 +149,6 @@ function stretchScale() {
 function animate(now) {
   requestAnimationFrame(animate);
   dragging.lead();
-  if (camera.glide()) stale = true;
   if (!stale || !view.scene) return;
   view.shown = playhead.show(now / 1000, !status || status.paused || status.failure !== null);
   stale = !playhead.atEnd;
@@ -157,6 +156,7 @@ function animate(now) {
     drawing.clear();
     return;
   }
+  if (!dragging.down && !dragging.grab && follower.step(...boxOf(view.shown.x, view.scene.radius))) stale = true;
   const scale = $("by-stretch").checked ? stretchScale() : 0;
   $("legend").hidden = scale === 0;
   $("legend-low").textContent = `−${+(100 * scale).toPrecision(1)} %`;
@@ -236,7 +236,6 @@ panel.button($("save-picture"), () => {
 panel.button($("copy-link"), () => messages.copy(linkTo(view.scene, status)));
 $("by-stretch").addEventListener("change", () => { stale = true; $("by-stretch").blur(); });
 onSchemeChange(() => { drawing.paint(THEMES[scheme()]); panel.plot.draw(); stale = true; });
-setInterval(follow, 250);
 
 new ResizeObserver(() => {
   const box = canvas.getBoundingClientRect();
@@ -244,7 +243,7 @@ new ResizeObserver(() => {
   canvas.width = Math.round(box.width * devicePixelRatio);
   canvas.height = Math.round(box.height * devicePixelRatio);
   camera.resize(box.width, box.height);
-  if (view.scene && (first || following)) frame();
+  if (view.scene && (first || follower.on)) frame();
   stale = true;
 }).observe(canvas);
 
@@ -265,8 +264,10 @@ window.pbd = {
   get count() { return view.shown ? view.shown.x.length / 3 : 0; },
   get positions() { return Array.from(view.shown.x); },
   get shown() { return view.shown.number; },
+  get paused() { return status?.paused ?? false; },
   get scene() { return view.scene.scene; },
   get camera() { return camera; },
+  tell: (sentence) => void messages.tell(sentence),
 };
 
 panel.fold(matchMedia("(max-width: 720px)").matches); // the picture first

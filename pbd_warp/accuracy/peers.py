@@ -1,0 +1,46 @@
+"""What other simulators need for the same scene: measured by benchmarks/peers.py."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from pbd_warp.table import TableRow, save_table
+
+OURS = "pbd-warp"
+
+
+@dataclass(frozen=True, eq=False)
+class PeerRow(TableRow):
+    """One measured configuration of one simulator; the fields are the columns of the CSV.
+
+    scene: As in the charts; "chain of N links" for those that are in none.
+    steps: A frame; of "auto", what its `error` was divided by. 0: it could not be measured, and `outcome` says why.
+    wall_ms_per_sim_second: Median of the rounds [ms].
+    position_error: Root mean square over particles against the reference [m].
+    outcome: "measured", or what went wrong.
+    """
+
+    scene: str
+    peer: str
+    settings: str
+    steps: int
+    wall_ms_per_sim_second: float
+    wall_spread: float
+    position_error: float
+    outcome: str
+
+
+def save(rows: list[PeerRow], info: dict[str, str], path: str | Path) -> None:
+    save_table("a comparison", tuple(PeerRow.parsers()), rows, info, path)
+
+
+def front(rows: tuple[PeerRow, ...], scene: str, peer: str) -> list[PeerRow]:
+    """What is best of a peer: ascending in time, strictly descending in error."""
+    able = [r for r in rows if r.scene == scene and r.peer == peer and math.isfinite(r.position_error)]
+    best: list[PeerRow] = []
+    for row in sorted(able, key=lambda r: (r.wall_ms_per_sim_second, r.position_error)):
+        if not best or row.position_error < best[-1].position_error:
+            best.append(row)
+    return best
