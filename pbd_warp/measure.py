@@ -67,7 +67,7 @@ def _measure(sim: Simulation) -> Measures:
         kinetic=kinetic,
         momentum=m @ v,
         angular_momentum=m @ np.cross(x, v),
-        forces=sim.forces if sim.settings.method.keeps_forces else None,
+        forces=sim.forces if sim.keeps_forces else None,
     )
 
 

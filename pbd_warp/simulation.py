@@ -56,6 +56,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self.frame = 0
         self.retried = 0
         self._loop = Loop(model, settings)
+        self._maker = self._loop
         self._context = self._loop.context
         self._moved = MovedParticles(self._context, settings.dt, self._loop.pull)
         self.state = self._context.state
@@ -73,6 +74,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         while self.frame < last:
             moves = self._moved.begin_frame(self.frame)
             self.frame += self._loop.make_frames(1 if moves else last - self.frame)
+            self._maker = self._loop
             failure = self._loop.find_failure()
             if failure is not None:
                 self._recover(failure)
@@ -95,6 +97,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         if self.point_target is not None:
             self.point_target.assign(self.model.point.target)
         self.frame = self.retried = 0
+        self._maker = self._loop
         self._loop.restart()
 
     def like(self, settings: Settings | None = None, **changes: Any) -> Simulation:
@@ -228,6 +231,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
             except SimulationFailed:
                 continue
             self._take_over(spare)
+            self._maker = spare._maker
             return True
         return False
 
@@ -243,12 +247,14 @@ class Simulation(BuiltForSettings, Readings, Playable):
             wp.copy(self._loop.counters, other._loop.counters)
         self._moved.take_over(other._moved)
         self.frame = other.frame
+        self._maker = self._loop
         self._loop.restart()
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
         memory = self._moved.checked(checkpoint.progress.get("moved"))
         checkpoint.fill(self._context.arrays, self._context.fixed, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
+        self._maker = self._loop
         self._moved.restore(memory)
 
     def _snapshot(self) -> Snapshot:

@@ -300,7 +300,7 @@ def test_frames_between_record_and_stop_are_kept(monkeypatch):
     session.do(1, say.Open("worm", {}, {}))
     clip = session.clip_now()
     assert (clip.name, clip.fps, len(clip.states)) == ("rope", 60.0, 701)
-    np.testing.assert_array_equal([x for x, _ in clip.states], film.frames[10:711])
+    np.testing.assert_array_equal([kept.x for kept in clip.states], film.frames[10:711])
 
 
 def test_without_a_recording_the_last_ten_seconds_are_saved():
