@@ -25,6 +25,9 @@ def failed(when: str, now: Snapshot, failure: Failure, tried: str = "") -> Simul
         tried: What was tried to save it.
     """
     kind, number = failure
+    if kind == "contacts" and number < 0:
+        what = f"{when}: contacts touch {-number} particles of one connected piece, more than 'direct' couples"
+        return SimulationFailed(what, remedy="use method 'gauss-seidel', or sample what touches more coarsely")
     if kind == "contacts":
         room = room_for_contacts(now.model.particle_count, now.settings.max_contacts)
         what = f"{when}: {number} contacts, but there is room for {room}"

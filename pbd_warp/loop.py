@@ -67,8 +67,7 @@ class Loop:
         if settings.on_failure in ("subdivide", "fallback"):
             n = model.particle_count
             self.start = State(*(context.allocate(f"start.{name}", n, context.vec3) for name in "xv"))
-        # With contacts Newton's method is but one half of a round; no single one of them has to arrive.
-        self._newton = isinstance(settings.method, Direct) and not self.contacts and settings.on_failure != "continue"
+        self._newton = isinstance(settings.method, Direct) and settings.on_failure != "continue"
         self._seen = context.diverged.numpy() if model.device.is_cpu else None  # the memory itself
         self._graph: wp.Graph | None = None
         self.machine = self._compile() if settings.capture else None
