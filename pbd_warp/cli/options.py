@@ -34,6 +34,9 @@ Every = Annotated[int, typer.Option(help="Frames from checkpoint to checkpoint."
 Resume = Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene.")]
 Seed = Annotated[int | None, typer.Option(help="For scenes with something random in them.")]
+Tension = Annotated[
+    bool, typer.Option("--tension", help="Write primvars:tension of the curves [N] too; method direct knows it.")
+]
 Workers = Annotated[
     int | None, typer.Option(help="Processes that share the work; as many as there are cores unless given.")
 ]

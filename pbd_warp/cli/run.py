@@ -26,6 +26,7 @@ from pbd_warp.cli.options import (
     SceneName,
     Seed,
     Set,
+    Tension,
     scene_file,
     scene_with,
     takes_settings,
@@ -52,6 +53,7 @@ def run_scene(
     out: Annotated[
         Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc, .usd; .html, .mp4, .gif to look at.")
     ] = None,
+    tension: Tension = False,
     up: Annotated[str, typer.Option(help="Axis that is up in the file: y or z.")] = "y",
     frames: Frames = None,
     device: Device = None,
@@ -102,7 +104,7 @@ def run_scene(
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
             hooks = replace(hooks, on_drawn=lambda done, of: (advance(done, of), stop_if_asked()))
-            result = run(built, path, device, dtype or "float32", hooks, recording, up.upper())
+            result = run(built, path, device, dtype or "float32", hooks, recording, up.upper(), tension)
         if stats is not None:
             result.save(stats)
         tell(table(result))
