@@ -8,10 +8,10 @@ Closest points minimise |a(s) - b(t)|^2 + DELTA L min(L, R) ((s - 1/2)^2 + (t - 
 links are nearly parallel. Others move by at most DELTA R / 2 each, so touching ones are DELTA^2 R / 4 further apart.
 Source: Ericson 2005, Real-Time Collision Detection, section 5.1.9; the regularisation is ours.
 
-First touch: along any unit vector n the capsules are apart by at least min over ends (n . (a_i - b_j) - r_i - r_j), which
-moves linearly with time for each pair of ends. With n between the closest points that is the distance itself, so the
-first moment at which a pair of ends makes it 0 is never after the first touch: from there again, until they touch or the
-step is over. (Conservative advancement, Mirtich 1996, with a bound that knows the direction.)
+First touch: along any unit vector n the capsules are apart by at least min over ends (n . (a_i - b_j) - r_i - r_j),
+which moves linearly with time for each pair of ends. With n between the closest points that is the distance itself, so
+the first moment at which a pair of ends makes it 0 is never after the first touch: from there again, until they touch
+or the step is over. (Conservative advancement, Mirtich 1996, with a bound that knows the direction.)
 """
 
 from __future__ import annotations

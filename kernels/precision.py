@@ -31,7 +31,13 @@ Block = wp.types.vector(6, wp.float32)
 
 PRECISIONS = {
     wp.float32: {"Real": wp.float32, "Vec3": wp.vec3f, "Vec4": wp.vec4f, "Mat33": wp.mat33f, "Block": Block},
-    wp.float64: {"Real": wp.float64, "Vec3": wp.vec3d, "Vec4": wp.vec4d, "Mat33": wp.mat33d, "Block": wp.types.vector(6, wp.float64)},
+    wp.float64: {
+        "Real": wp.float64,
+        "Vec3": wp.vec3d,
+        "Vec4": wp.vec4d,
+        "Mat33": wp.mat33d,
+        "Block": wp.types.vector(6, wp.float64),
+    },
 }
 
 MODULES: list[str] = []

@@ -119,7 +119,7 @@ def test_no_touch_of_a_step_is_missed(rng, speed, dtype):
     aim = x[:, 2] + rng.random((n, 1)) * (x[:, 3] - x[:, 2]) - x[:, 0] - rng.random((n, 1)) * (x[:, 1] - x[:, 0])
     u[:, :2] += (rng.uniform(0.2, 3.0, (n, 1)) * aim)[:, None]
     u *= speed
-    gap, s, t, normal = meets(x, u, radius, dtype)
+    gap, *_ = meets(x, u, radius, dtype)
     times = np.linspace(0.0, 1.0, 4001)
     sampled = np.full(n, np.inf)
     for time in times:

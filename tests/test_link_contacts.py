@@ -1,6 +1,7 @@
 """Contacts of links in sweeps: who is found, and what they keep."""
 
 import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,16 +15,18 @@ METHODS = pytest.mark.parametrize("method", ["jacobi", "gauss-seidel"])
 DTYPES = pytest.mark.parametrize("dtype", ["float32", "float64"])
 
 
-def heap(rng, ropes=12, links=14, speed=3.0, dtype="float64", **contacts):
+def heap(rng, ropes=12, length=14, speed=3.0, dtype="float64", **contacts):
     """Ropes that lie across each other in a small space, some overlapping, a few balls among them."""
     builder = pbd.ModelBuilder()
     for _ in range(ropes):
-        turn = rng.normal(size=(links + 1, 3)) * 0.5 + rng.normal(size=3)
+        turn = rng.normal(size=(length + 1, 3)) * 0.5 + rng.normal(size=3)
         step = 0.05 * turn / np.linalg.norm(turn, axis=1, keepdims=True)
-        x = rng.uniform(-0.2, 0.2, 3) + np.cumsum(step, axis=0)
-        rope = builder.add_rope(x, mass=0.1, pinned=(), radius=rng.uniform(0.005, 0.02))
-        builder._particles[-1][1][:] = rng.normal(size=(len(rope), 3)) * speed
-    builder.add_particles(rng.uniform(-0.3, 0.3, (6, 3)), rng.normal(size=(6, 3)), mass=0.02, radius=0.03)
+        x = np.cumsum(step, axis=0)
+        x += rng.uniform(-0.1, 0.1, 3) - x.mean(axis=0)
+        rope = builder.add_particles(x, rng.normal(size=x.shape) * speed, mass=0.1, radius=rng.uniform(0.01, 0.02))
+        for i, j in pairwise(rope):
+            builder.add_distance(i, j)
+    builder.add_particles(rng.uniform(-0.2, 0.2, (6, 3)), rng.normal(size=(6, 3)) * speed, mass=0.02, radius=0.03)
     builder.add_particles(rng.uniform(-0.3, 0.3, (3, 3)))  # of no size: nothing touches them
     builder.enable_contacts(**{"links": True, "friction": 0.3, **contacts})
     return builder.finalize(dtype=dtype)
@@ -37,7 +40,9 @@ def found(sim):
     links = loop.contacts.links
     rows = {}
     for pair, *row in zip(
-        sim.link_pairs, *(array.numpy() for array in (links.member, links.weight, links.normal, links.gap)), strict=False
+        sim.link_pairs,
+        *(array.numpy() for array in (links.member, links.weight, links.normal, links.gap)),
+        strict=False,
     ):
         assert tuple(pair) not in rows, "a pair was found twice"
         rows[tuple(int(each) for each in pair)] = row
@@ -77,7 +82,8 @@ def test_every_pair_that_comes_near_in_a_step_is_found(rng, monkeypatch, dt, dty
 
 def test_a_contact_is_the_half_space_between_the_closest_points(rng):
     model = heap(rng, speed=0.0)
-    rows = found(pbd.Simulation(model, dt=1e-9))
+    rows = found(pbd.Simulation(model, dt=1e-9, max_contacts=20000))
+    assert any(-1 in member for member, *_ in rows.values())
     ends, _ = link_contact.capsules(model)
     for (a, b), (member, weight, normal, gap) in rows.items():
         side = np.repeat([1, -1], 2)
@@ -163,10 +169,17 @@ def test_rods_that_meet_off_their_middles_keep_energy_and_turning(method):
     impulse = 2.0 / (1 / m1 + 1 / m2 + r**2 / (m1 * 0.25))
     v = sim.velocities[:, 1]
     np.testing.assert_allclose(v[2:], -impulse / m2, rtol=2e-3)
-    np.testing.assert_allclose(v[:2], -1.0 + impulse / m1 + np.array([1, -1]) * impulse * r / (m1 * 0.25) / 2, atol=5e-3)
+    np.testing.assert_allclose(
+        v[:2], -1.0 + impulse / m1 + np.array([1, -1]) * impulse * r / (m1 * 0.25) / 2, atol=5e-3
+    )
     np.testing.assert_allclose(after.momentum, before.momentum, atol=1e-14)
     np.testing.assert_allclose(after.kinetic, before.kinetic, rtol=5e-3)
     np.testing.assert_allclose(after.angular_momentum, before.angular_momentum, atol=1e-4)
+
+
+def side(x):
+    """On which side of the first link the second one passes it by."""
+    return np.dot(np.cross(x[1] - x[0], x[2] - x[3]), x[2] - x[0])
 
 
 @METHODS
@@ -187,9 +200,10 @@ def test_a_thin_fast_rod_does_not_tunnel(method, dtype, speed):
         builder.add_distance(*needle)
         builder.enable_contacts(links=True)
         sim = pbd.Simulation(builder.finalize(dtype=dtype), method=method, substeps=2)
-        sim.step(8)
+        while not np.any(sim.velocities[:2]):
+            sim.step()
         x = sim.positions.astype(float)
-        assert x[2:, 1].mean() > x[:2, 1].mean()
+        assert side(x) > 0.0
         assert measure(sim).overlap < 1e-4
 
 
@@ -285,7 +299,10 @@ def test_overflow_is_an_error_that_says_how_much_room_it_takes(rng):
     ("radius", "sentence"),
     [
         (0.0, r"the link of particles 0 and 1 has a radius of 0, .*: give its particles a radius"),
-        (0.06, r"the link of particles 0 and 1 is 0\.12 m thick and 0\.1 m long, .* longer than thick: use fewer points"),
+        (
+            0.06,
+            r"the link of particles 0 and 1 is 0\.12 m thick and 0\.1 m long, .* longer than thick: use fewer points",
+        ),
     ],
 )
 def test_links_that_cannot_be_capsules(radius, sentence):

@@ -55,16 +55,21 @@ class Playback:
             sim.lead(np.concatenate([index for _, index in self._moving]), places - self._source.origin)
         return sim
 
-    def frame(self, frame: int, state: State) -> list[Any]:
-        """Values of the animated attributes, prim by prim, at a frame of that state."""
+    def frame(self, frame: int, state: State, tension: np.ndarray | None = None) -> list[Any]:
+        """Values of the animated attributes, prim by prim, at a frame of that state; tension: of all distances [N], as
+        the last value of each prim."""
         timeline = self._source.timeline
         before = self.time_code(frame - 1) if frame > 0 else None
         displacement = state.x.numpy().astype(np.float64) - self._x_start
         self.moved = self.moved or bool(np.abs(displacement[self._free]).max(initial=0.0) > self._still)
         v = state.v.numpy().astype(np.float64)
         values: list[Any] = []
+        link = 0
         for curves, span in zip(self._source.curves, self._ranges, strict=True):
             values += curves.frame(displacement[span], v[span], self.time_code(frame), before, timeline.fps)
+            if tension is not None:
+                first, link = link, link + len(curves.sampling.edges)
+                values.append(curves.tension(tension[first:link]))
         return values
 
     def why_still(self) -> str:

@@ -46,7 +46,7 @@ def _ways(link: np.ndarray, length: np.ndarray, most: float, particle_count: int
     start, neighbour, which = neighbours(link, particle_count)
     source = to = np.arange(particle_count)
     way = np.zeros(particle_count)
-    known = (source, to, way)
+    known: tuple[np.ndarray, ...] = (source, to, way)
     while len(source):
         k, at = _each(start, to)
         source, to, way = source[k], neighbour[at], way[k] + length[which[at]]

@@ -1,6 +1,6 @@
 """Lines 8 and 16 for links: contacts between capsules, and of capsules with colliders, bound to a device.
 
-The maths is in kernels/link_contact.py, kernels/link_collider.py and kernels/link_bounce.py.
+The maths is in kernels/link_contact.py, link_search.py, link_collider.py and link_bounce.py.
 """
 
 from __future__ import annotations
@@ -10,13 +10,9 @@ import warp as wp
 
 from pbd_warp.kernels.link_bounce import bounce_links, count_active_links
 from pbd_warp.kernels.link_collider import find_link_collider_contacts
-from pbd_warp.kernels.link_contact import (
-    find_close_link_contacts,
-    find_link_contacts,
-    project_link_contact,
-    remember_contacts,
-    sweep_links,
-)
+from pbd_warp.kernels.link_contact import project_link_contact
+from pbd_warp.kernels.link_search import find_close_link_contacts, find_link_contacts, sweep_links
+from pbd_warp.kernels.link_sides import remember_contacts
 from pbd_warp.model.along import close_along
 from pbd_warp.model.model import Model
 from pbd_warp.step.context import Context
@@ -26,7 +22,7 @@ MARGIN = 0.25
 step move links, and a pair that was not watched could pass."""
 
 WITHOUT_GRID = 150
-"""Up to so many links each looks at all others (benchmarks/touching.py)."""
+"""Up to so many links (of a copy) each looks at all others (benchmarks/touching.py)."""
 
 
 class LinkContacts:
@@ -66,6 +62,9 @@ class LinkContacts:
             upload("link.neighbour_start", start, wp.int32),
             upload("link.neighbour", neighbour, wp.int32),
         )
+        copy = self.ends[:, 0] // model.copy_size
+        last = np.searchsorted(copy, copy, side="right")
+        self._last = upload("link.last", last, wp.int32)
         self.count = allocate("link.count", 1, wp.int32)
         self.pair = allocate("link.pair", capacity, wp.vec2i)
         self.member = allocate("link.member", capacity, wp.vec4i)
@@ -82,7 +81,7 @@ class LinkContacts:
         self._extent = allocate("link.extent", links, context.real)
         self._half_box = allocate("link.half_box", links, context.vec3)
         self.grid = None
-        if links > WITHOUT_GRID:
+        if len(copy) and np.bincount(copy).max() > WITHOUT_GRID:
             # A ball around a typical link at rest, which a query finds in the 27 cells around its own.
             self._cell_width = float(2.0 * np.median(0.5 * length + (1.0 + MARGIN) * thickness))
             side = int(np.clip(np.ceil(np.cbrt(2.0 * links)), 8, 128))
@@ -98,22 +97,32 @@ class LinkContacts:
         before = (self._table, self._pair_before, self._normal_before)
         launch(remember_contacts, self.capacity, self.count, self.pair, self.normal, self.lam, *before)
         launch.zero(self.count)
-        launch(
-            sweep_links, links, self.link, self._radius, MARGIN, x, u, self._middle, self._extent, self._half_box
-        )
+        launch(sweep_links, links, self.link, self._radius, MARGIN, x, u, self._middle, self._extent, self._half_box)
         how = (self.link, self._radius, MARGIN, self._depenetration)
         if self.grid is None:
             launch(
                 find_close_link_contacts,
                 links,
-                *(*how, *self._left_out, x, w, u, *before, self._middle, self._half_box, *self.found, valence),
+                *(
+                    *how,
+                    *self._left_out,
+                    self._last,
+                    x,
+                    w,
+                    u,
+                    *before,
+                    self._middle,
+                    self._half_box,
+                    *self.found,
+                    valence,
+                ),
             )
         else:
             launch.build_grid(self.grid, self._middle, self._cell_width)
             launch(
                 find_link_contacts,
                 links,
-                *(self.grid.id, *how, *self._left_out, x, w, u, *before),
+                *(self.grid.id, *how, *self._left_out, self._last, x, w, u, *before),
                 *(self._middle, self._extent, self._half_box, *self.found, valence),
             )
         if len(self._shapes[0]):
@@ -159,10 +168,12 @@ class LinkContacts:
 
 
 def capsules(model: Model) -> tuple[np.ndarray, np.ndarray]:
-    """Both ends of every capsule, int32 [link_count, 2], and its length [m]: of distances, then of particles with a
-    radius that no distance has, whose ends are the same."""
+    """Both ends of every capsule, int32 [link_count, 2], and its length [m]: of a copy's distances, then of its
+    particles with a radius that no distance has, whose ends are the same."""
     alone = model.radius > 0.0
     alone[model.distance.edge.ravel()] = False
     ball = np.flatnonzero(alone).astype(np.int32)
     ends = np.concatenate([model.distance.edge, np.stack([ball, ball], axis=1)])
-    return ends, np.concatenate([model.distance.rest_length, np.zeros(len(ball))])
+    length = np.concatenate([model.distance.rest_length, np.zeros(len(ball))])
+    by_copy = np.argsort(ends[:, 0] // model.copy_size, kind="stable")
+    return ends[by_copy], length[by_copy]
