@@ -17,7 +17,7 @@ from pbd_warp.step.context import NOTHING, Context, Stage
 from pbd_warp.step.copies import CopyMonitor
 from pbd_warp.step.damping import Damper
 from pbd_warp.step.divergence import DivergenceMonitor
-from pbd_warp.step.integrators import DOP853, EXPLICIT, INTEGRATORS, Integrator
+from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS, Explicit, Integrator
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
 from pbd_warp.step.loading import load_modules
 from pbd_warp.step.methods import Direct
@@ -51,7 +51,7 @@ class Loop:
         if model.collides:
             self.contacts = ContactConstraints(context, settings.method.valence(model), settings.max_contacts)
         self.damper = Damper(context, settings.damping, settings.steps_a_frame) if settings.damping > 0.0 else None
-        self.explicit: DOP853 | None = None
+        self.explicit: Explicit | None = None
         self.integrator: Integrator | None = None
         self.solver: Any = None
         self.pull: Pull | None = None

@@ -123,3 +123,10 @@ def whole_list(name: str, text: str) -> tuple[int, ...]:
         return tuple(int(item) for item in comma_list(text))
     except ValueError:
         raise InputError(f"--{name} must be whole numbers separated by commas, not {text!r}") from None
+
+
+def number_list(name: str, text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(item) for item in comma_list(text))
+    except ValueError:
+        raise InputError(f"--{name} must be numbers separated by commas, not {text!r}") from None
