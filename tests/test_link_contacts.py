@@ -208,6 +208,35 @@ def test_a_thin_fast_rod_does_not_tunnel(method, dtype, speed):
 
 
 @METHODS
+def test_a_ball_that_meets_the_middle_of_a_rod_obeys_the_law_of_impact(method):
+    builder = pbd.ModelBuilder(gravity=(0, 0, 0))
+    builder.add_distance(*builder.add_particles([(-0.5, 0, 0), (0.5, 0, 0)], mass=0.35, radius=0.01))
+    builder.add_particle((0, 0.05, 0), velocity=(0, -1, 0), mass=0.3, radius=0.02)
+    builder.enable_contacts(links=True, restitution=0.5)
+    sim = pbd.Simulation(builder.finalize(dtype="float64"), method=method, substeps=16)
+    sim.step(4)
+    np.testing.assert_allclose(sim.velocities[:, 1], [-0.45, -0.45, 0.05], atol=1e-12)
+
+
+def test_copies_in_one_place_do_not_meet(rng, monkeypatch):
+    """With all pairs and with a grid: each copy goes as it would alone."""
+    builder = pbd.ModelBuilder(gravity=(0, 0, 0))
+    for y, along in (0.03, (0.3, 0, 0)), (0.0, (0, 0, 0.3)):
+        ends = builder.add_particles([(0, y, 0), along], velocity=(0, -y * 30, 0), mass=0.1, radius=0.01)
+        builder.add_distance(*ends)
+    builder.add_particle((0.2, 0.02, 0), mass=0.1, radius=0.01)
+    builder.enable_contacts(links=True)
+    alone = pbd.Simulation(builder.finalize(dtype="float64"))
+    alone.step(4)
+    for everybody in True, False:
+        monkeypatch.setattr(link_contact, "WITHOUT_GRID", 150 if everybody else 0)
+        sim = pbd.Simulation(builder.replicate(3).finalize(dtype="float64"))
+        sim.step(4)
+        assert len(sim.link_pairs) == 3 * len(alone.link_pairs) > 0
+        np.testing.assert_array_equal(sim.positions.reshape(3, -1, 3), np.broadcast_to(alone.positions, (3, 5, 3)))
+
+
+@METHODS
 def test_a_ball_stays_on_a_link(method):
     """Between its ends, where particle contacts see nothing."""
     for links in True, False:
