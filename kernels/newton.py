@@ -30,9 +30,10 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.back import back_pass
+from pbd_warp.kernels.bending_row import bending_pass, bending_steps, begin_bends, limit_pushes, positive
 from pbd_warp.kernels.forward import forward_pass
 from pbd_warp.kernels.link_row import SHORT
-from pbd_warp.kernels.pieces import Links, Matrix, Particles, Points, Schedule, Touching
+from pbd_warp.kernels.pieces import Bends, Links, Matrix, Particles, Points, Schedule, Touching
 from pbd_warp.kernels.precision import Real, Vec3, kernel
 from pbd_warp.kernels.touch import double
 
@@ -101,6 +102,7 @@ def solve_pieces(
     p: Particles,
     links: Links,
     points: Points,
+    bends: Bends,
     c: Touching,
     u: wp.array[Vec3],  # [particle_count] [m]
     iterations_used: wp.array[wp.int32],  # [1] of all pieces and steps of the frame
@@ -161,6 +163,11 @@ def solve_pieces(
                         points.soft[k] = wp.float64(2.0) * points.soft[k]
                 points.lam[k] = points.lam[k] * scale
 
+    bends_here = bool(False)
+    stiffen = one / soften
+    if bends.first:
+        bends_here = bends.first[piece] < bends.first[piece + 1]
+        begin_bends(piece, bends, x, u)
     mean_length = p.mean_length[piece]
     rigid = p.gives[piece] == 0
     polishing = bool(False)
@@ -175,15 +182,30 @@ def solve_pieces(
         used = used + 1
         lagging = (used / LAG) % 2 == 1
 
-        forward_pass(
-            begin, end, s, m, p, links, points, c, rigid, mean_gradient, wp.float64(SHORT) * mean_length, touch, lagging
-        )
+        exact = bool(True)
+        again = bool(True)
+        while again:
+            if bends_here:
+                limit_pushes(s.link_first[begin], s.link_first[end], links, bends, exact)
+            if bends.first:
+                bending_pass(begin, end, piece, s, m, p, bends, stiffen, mean_gradient, exact)
+            forward_pass(
+                begin, end, s, m, p, links, points, c, rigid, mean_gradient, wp.float64(SHORT) * mean_length, touch,
+                lagging,
+            )  # fmt: skip
+            again = bends_here and exact and not positive(begin, end, m, p)
+            if again:
+                exact = False
+                for t in range(begin, end):
+                    m.b[t] = wp.vec3d()
         left, widest, given, switched, touches = back_pass(
             begin, end, s, m, p, links, points, c, rigid, mean_gradient, touch, lagging, mean_length,
             tolerance, relative, wp.float64(SLACK) * relative,
         )  # fmt: skip
         error = left
         gave = given
+        if bends_here:
+            error = wp.max(error, bending_steps(piece, m, p, bends, stiffen, exact, tolerance, relative))
         patience = int(PATIENCE)
         if touches:
             patience = TOUCHING

@@ -18,6 +18,7 @@ from pbd_warp.model.model import Model
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.constraints.distance import LimitedLengths
 from pbd_warp.step.context import Context, Stage
+from pbd_warp.step.methods.bends import bind_bends
 from pbd_warp.step.methods.iteration import check_iterations
 from pbd_warp.step.methods.schedule import Schedule, schedule
 
@@ -94,7 +95,7 @@ class DirectSolver:
         edges, points = model.distance, model.point
         alone = np.full(model.particle_count, contacts is not None)
         alone[points.particle] = True
-        self.schedule = s = schedule(edges.edge, model.w > 0.0, alone)
+        self.schedule = s = schedule(edges.edge, model.w > 0.0, alone, model.bending.triple)
         self._device_schedule = pieces.Schedule()
         for field in fields(Schedule):
             if field.name != "link" and field.name != "tile":
@@ -109,6 +110,7 @@ class DirectSolver:
             setattr(self._matrix, name, context.allocate(f"direct.{name}", count, dtype))
         self._particles, self._links = pieces.Particles(), pieces.Links()
         self._bind_links(edges, s)
+        self._bends = bind_bends(context, model.bending, s, self._links)
         self._points = pieces.Points()
         self._point_compliance = None
         if len(points):
@@ -250,7 +252,7 @@ class DirectSolver:
             *(context.state.x, context.w),
             *(self._base, stage.compliance_scale, stage.mean_gradient, first, stage.lam_scale, REACH),
             *(method.iterations, self._tolerance, self._relative, self._accepted),
-            *(self._matrix, self._particles, self._links, self._points, self._touching),
+            *(self._matrix, self._particles, self._links, self._points, self._bends, self._touching),
             *(context.u, self.counters[0:1], self.counters[1:2]),
         )
 
