@@ -30,7 +30,7 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.back import back_pass
-from pbd_warp.kernels.bending_row import bending_pass, bending_steps, begin_bends, limit_pushes, positive
+from pbd_warp.kernels.bending_row import begin_bends, bending_pass, bending_steps, limit_pushes, positive
 from pbd_warp.kernels.forward import forward_pass
 from pbd_warp.kernels.link_row import SHORT
 from pbd_warp.kernels.pieces import Bends, Links, Matrix, Particles, Points, Schedule, Touching

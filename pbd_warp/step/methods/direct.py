@@ -162,12 +162,8 @@ class DirectSolver:
         softest = -SOFTEST / (model.w * share)[edge].max(axis=1) if len(edge) else rest
         links.softest = context.upload("direct.softest", softest, wp.float64)
         for group, name, size, dtype in (
-            *(
-                (p, "weight", tiles, wp.float64),
-                (p, "mass", tiles, wp.float64),
-                (p, "free", tiles, wp.vec3d),
-                (p, "move", tiles, wp.vec3d),
-            ),
+            *((p, "weight", tiles, wp.float64), (p, "mass", tiles, wp.float64)),
+            *((p, "free", tiles, wp.vec3d), (p, "move", tiles, wp.vec3d)),
             *((p, "shift", tiles, wp.vec3d), (p, "gives", count, wp.int32), (p, "strain", count, wp.float64)),
             *(
                 (links, "firm", len(edge), wp.float64),

@@ -14,6 +14,8 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
+NO_TRIPLES = np.zeros((0, 3), int)
+
 
 @dataclass(frozen=True)
 class Schedule:
@@ -46,7 +48,7 @@ class Schedule:
     filled: np.ndarray
 
 
-def schedule(edge: np.ndarray, free: np.ndarray, alone: np.ndarray, triple: np.ndarray) -> Schedule:
+def schedule(edge: np.ndarray, free: np.ndarray, alone: np.ndarray, triple: np.ndarray = NO_TRIPLES) -> Schedule:
     """For the graph `edge` [edge_count, 2] of particles of which some are `free` (bool [particle_count]).
 
     `alone`: bool [particle_count], free particles that get a tile even where no edge holds them. `triple`: int
