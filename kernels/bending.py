@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.precision import Mat33, Real, Vec3, func
+from pbd_warp.kernels.precision import Mat33, Real, Vec3, func, index, step_pass
 
 FOLD = wp.constant(1.0e-3)
 """1 + c below which links count as folded: within 2.6 degrees."""
@@ -95,7 +95,7 @@ def cross_matrix(a: Vec3):
 
 @func
 def turning(e1: Vec3, e2: Vec3, length: Real, rest: Real):
-    """dkb / de_1, dkb / de_2, and the part of the second derivative of E l / B by kb that is not negative."""
+    """dkb / de_1, dkb / de_2, and of E l / B by kb the derivative, and the part of the second that is not negative."""
     one = Real(1.0)
     zero = Real(0.0)
     p = one / wp.max(wp.length(e1), Real(SHORT) * length)
@@ -109,6 +109,7 @@ def turning(e1: Vec3, e2: Vec3, length: Real, rest: Real):
     J1 = (-p / u) * (Real(2.0) * (cross_matrix(t2) + wp.outer(across, t1)) + wp.outer(kb, t2 - c * t1))
     J2 = (q / u) * (Real(2.0) * (cross_matrix(t1) - wp.outer(across, t2)) - wp.outer(kb, t1 - c * t2))
     H = wp.identity(3, dtype=Real)
+    moment = kb
     if rest > zero:
         r = Real(ROUNDED)
         square = wp.dot(kb, kb)
@@ -116,8 +117,76 @@ def turning(e1: Vec3, e2: Vec3, length: Real, rest: Real):
         S = wp.sqrt(square + tip)
         part = wp.sqrt(one + r) * rest / S
         around = (one + r) * wp.max(one - part, zero)
+        moment = ((one + r) * (one - part)) * kb
         along = (one + r) * wp.max(one - part * tip / (S * S), zero)
         H = around * H
         if square > zero:
             H = H + ((along - around) / square) * wp.outer(kb, kb)
-    return J1, J2, H
+    return J1, J2, moment, H
+
+
+@step_pass
+def project_bending(
+    n: wp.int32,
+    # Model:
+    triple: wp.array[wp.vec3i],  # [bend_count] i, j, k
+    compliance: wp.array[Real],  # [bend_count] l / B [1/(N m)]
+    length: wp.array[Real],  # [bend_count] l [m]
+    rest: wp.array[Real],  # [bend_count] |kb| at rest
+    # State:
+    x: wp.array[Vec3],  # [particle_count] [m]
+    w: wp.array[Real],  # [particle_count] [1/kg]
+    # In:
+    u: wp.array[Vec3],  # [particle_count] [m]
+    valence: wp.array[wp.int32],  # [particle_count] constraints at each particle, or None: masses are not split
+    relaxation: Real,
+    compliance_scale: wp.array[Real],  # [1] [1/s^2]
+    mean_gradient: wp.bool,  # force along the mean of the configurations before and after the step
+    # Out:
+    lam: wp.array[Vec3],  # [bend_count] minus the moment, over the force scale [kg m^2]
+    residual: wp.array[Real],  # [1] largest |C + a lam| l [m], or None: not wanted
+    correction: wp.array[Vec3],  # [particle_count] [m], added to
+):
+    """Line 10 for bending, XPBD with three rows a triple: C = l/B dE/dkb, which is kb where it is straight at rest.
+
+    dlam = -(H J W J^T + a)^-1 (C + a lam), p += W J^T dlam. With the mean gradient C is the sum of those before and
+    after, and J that of the mean configuration, which is of second order; what conserves energy is `Direct`."""
+    i = index(triple[n][0])
+    j = index(triple[n][1])
+    k = index(triple[n][2])
+    w_i = w[i]
+    w_j = w[j]
+    w_k = w[k]
+    v_i = w_i
+    v_j = w_j
+    v_k = w_k
+    if valence:
+        v_i = Real(valence[i]) * w_i
+        v_j = Real(valence[j]) * w_j
+        v_k = Real(valence[k]) * w_k
+    if v_i + v_j + v_k > Real(0.0):
+        f1 = x[j] - x[i]
+        f2 = x[k] - x[j]
+        e1 = f1 + (u[j] - u[i])
+        e2 = f2 + (u[k] - u[j])
+        a = compliance[n] * compliance_scale[0]
+        J1, J2, C, H = turning(e1, e2, length[n], rest[n])
+        if mean_gradient:
+            I1, I2, before, H0 = turning(f1, f2, length[n], rest[n])
+            J1, J2, middle, H1 = turning(Real(0.5) * (f1 + e1), Real(0.5) * (f2 + e2), length[n], rest[n])
+            C = C + before
+            a = a + a
+        C = C + a * lam[n]
+        if residual:
+            wp.atomic_max(residual, 0, length[n] * wp.length(C))
+        J = J1 - J2
+        A = v_i * (J1 * wp.transpose(J1)) + v_j * (J * wp.transpose(J)) + v_k * (J2 * wp.transpose(J2))
+        M = H * A + a * wp.identity(3, dtype=Real)
+        size = wp.trace(M)
+        dlam = (-relaxation / size) * (wp.inverse(M / size) * C)
+        lam[n] = lam[n] + dlam
+        D1 = wp.transpose(J1) * dlam
+        D2 = wp.transpose(J2) * dlam
+        wp.atomic_sub(correction, i, w_i * D1)
+        wp.atomic_add(correction, j, w_j * (D1 - D2))
+        wp.atomic_add(correction, k, w_k * D2)

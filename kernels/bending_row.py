@@ -189,7 +189,7 @@ def bending_pass(
             D1, D2, H11, H12, H22 = exact_derivatives(e1, e2, shape[1], shape[2])
             H21 = wp.transpose(H12)
         if not exact:
-            J1, J2, H = turning(e1, e2, shape[1], shape[2])
+            J1, J2, moment, H = turning(e1, e2, shape[1], shape[2])
             if mean_gradient:
                 H = wp.float64(0.5) * H
             H11 = wp.transpose(J1) * H * J1

@@ -40,7 +40,7 @@ def evaluate(
     mean_H[q, 1] = M12
     mean_H[q, 2] = M21
     mean_H[q, 3] = M22
-    J1, J2, P = turning(e[q, 0], e[q, 1], length, rest)
+    J1, J2, moment, P = turning(e[q, 0], e[q, 1], length, rest)
     part[q, 0] = J1
     part[q, 1] = J2
     part[q, 2] = P
