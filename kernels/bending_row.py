@@ -102,8 +102,9 @@ def mean_derivatives(
 
 
 @wp.func
-def begin_bends(piece: wp.int32, bends: Bends, x: wp.array[Any], u: wp.array[Any]):
-    """What of a step's bending is known before it."""
+def begin_bends(piece: wp.int32, bends: Bends, x: wp.array[Any], u: wp.array[Any], soften: wp.float64):
+    """What of a step's bending is known before it; soften: 1 over the integrator's force scale [1/s^2]."""
+    bends.scale[piece] = wp.float64(1.0) / soften
     for q in range(bends.first[piece], bends.first[piece + 1]):
         triple = bends.particle[q]
         tile = bends.tile[q]
@@ -155,12 +156,12 @@ def bending_pass(
     m: Matrix,
     p: Particles,
     bends: Bends,
-    scale: wp.float64,  # the integrator's force scale [s^2]
     mean_gradient: wp.bool,
-    exact: wp.bool,
 ):
     """The rows of all triples of a piece, before those of the links. No slot of theirs is a link's first: all of them
     are zeroed here."""
+    scale = bends.scale[piece]
+    exact = bends.exact[piece] == 1
     for k in range(s.column_first[begin], s.column_first[end]):
         m.low[k] = wp.mat33d()
         m.up[k] = wp.mat33d()
@@ -232,13 +233,13 @@ def bending_steps(
     m: Matrix,
     p: Particles,
     bends: Bends,
-    scale: wp.float64,
-    exact: wp.bool,
     tolerance: wp.float64,
     relative: wp.float64,
 ):
     """What a step leaves of the balance, over what is tolerated: an angle, of second order in how links turned; of
     bending that is too soft for it, the displacement that this force makes, over the length."""
+    scale = bends.scale[piece]
+    exact = bends.exact[piece] == 1
     error = wp.float64(0.0)
     one = wp.float64(1.0)
     for q in range(bends.first[piece], bends.first[piece + 1]):

@@ -40,7 +40,7 @@ def evaluate(
     mean_H[q, 1] = M12
     mean_H[q, 2] = M21
     mean_H[q, 3] = M22
-    J1, J2, moment, P = turning(e[q, 0], e[q, 1], length, rest)
+    J1, J2, _moment, P = turning(e[q, 0], e[q, 1], length, rest)
     part[q, 0] = J1
     part[q, 1] = J2
     part[q, 2] = P
@@ -75,7 +75,7 @@ def square(blocks):
 
 def links(rng, count=40):
     """Random pairs of unequal links, none of which turns back by more than some 130 degrees."""
-    e = rng.normal(size=(20 * count, 6)) + [0.7, 0, 0, 0.9, 0, 0]
+    e = np.array([0.7, 0, 0, 0.9, 0, 0]) + rng.normal(size=(20 * count, 6))
     l1, l2 = np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)
     c = np.sum(e[:, :3] * e[:, 3:], axis=1) / (l1 * l2)
     return e[(c > -0.6) & (l1 > 0.3) & (l2 > 0.3)][:count]

@@ -33,5 +33,12 @@ def bind_bends(context: Context, bending: BendingSet, s: Schedule, links: pieces
     bends.shape = context.upload("direct.bend_shape", shape, wp.vec3d)
     for name in ("before1", "before2", "start1", "start2"):
         setattr(bends, name, context.allocate(f"direct.bend_{name}", len(triple), wp.vec3d))
+    pieces_ = len(s.piece_first) - 1
+    for name, size, dtype in (
+        ("scale", pieces_, wp.float64),
+        ("exact", pieces_, wp.int32),
+        ("load", len(s.particle), wp.vec3d),
+    ):
+        setattr(bends, name, context.allocate(f"direct.bend_{name}", size, dtype))
     bends.softest = context.upload("direct.bend_softest", links.softest.numpy(), wp.float64)
     return bends
