@@ -82,7 +82,7 @@ def compared() -> list[list[str]]:
             times = [
                 f"{r.wall_ms_per_sim_second / ours.wall_ms_per_sim_second:.2g}" if r else "-" for r in within.values()
             ]
-            by = f"{ours.settings}{' ' if ours.settings.endswith('over') else ', '}{ours.steps:g}"
+            by = f"{ours.settings}, " + (f"1e-{ours.steps} m/s" if "auto" in ours.settings else f"{ours.steps} a frame")
             table.append([scene, f"{error:g} m", f"{ours.wall_ms_per_sim_second:.2g}", by, *times])
     return table
 
