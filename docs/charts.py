@@ -62,7 +62,11 @@ def cheapest() -> list[list[str]]:
 
 
 def over(row: Row | None, best: Row) -> str:
-    return f"{row.wall_ms_per_sim_second / best.wall_ms_per_sim_second:.2g}" if row else "-"
+    return ratio(row.wall_ms_per_sim_second, best.wall_ms_per_sim_second) if row else "-"
+
+
+def ratio(time: float, best: float) -> str:
+    return f"{time / best:.2g}" if time < 10.0 * best else f"{time / best:.0f}"
 
 
 def compared() -> list[list[str]]:
@@ -79,9 +83,8 @@ def compared() -> list[list[str]]:
             ours = within.pop(peers.OURS)
             if ours is None:
                 break
-            times = [
-                f"{r.wall_ms_per_sim_second / ours.wall_ms_per_sim_second:.2g}" if r else "-" for r in within.values()
-            ]
+            own = ours.wall_ms_per_sim_second
+            times = [ratio(r.wall_ms_per_sim_second, own) if r else "-" for r in within.values()]
             by = f"{ours.settings}, " + (f"1e-{ours.steps} m/s" if "auto" in ours.settings else f"{ours.steps} a frame")
             table.append([scene, f"{error:g} m", f"{ours.wall_ms_per_sim_second:.2g}", by, *times])
     return table
