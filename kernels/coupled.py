@@ -215,6 +215,6 @@ def end_pieces(
     if ports.coupled[piece] == 1:
         begin = s.piece_first[piece]
         end = s.piece_first[piece + 1]
-        end_piece(pieces[piece], begin, end, s, p, links, False, accepted, u, iterations_used, unconverged)
+        end_piece(pieces[piece], piece, begin, end, s, p, links, False, accepted, u, iterations_used, unconverged)
     if piece == 0 and not (progress[1] <= accepted_contact):
         wp.atomic_add(unconverged, 0, 1)

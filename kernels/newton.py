@@ -96,4 +96,4 @@ def solve_pieces(
             tolerance, relative, loose,
         )  # fmt: skip
         g = judge_piece(g, piece, begin, end, m, p, reach, lagging, left, widest, given, switched, touches)
-    end_piece(g, begin, end, s, p, links, mean_gradient, accepted, u, iterations_used, unconverged)
+    end_piece(g, piece, begin, end, s, p, links, mean_gradient, accepted, u, iterations_used, unconverged)

@@ -190,6 +190,7 @@ def judge_piece(
 @func
 def end_piece(
     g: Progress,
+    piece: wp.int32,
     begin: wp.int32,
     end: wp.int32,
     s: Schedule,
@@ -216,3 +217,4 @@ def end_piece(
     wp.atomic_add(iterations_used, 0, g.used)
     if not (error <= accepted):
         wp.atomic_add(unconverged, 0, 1)
+        p.missed[piece] = p.missed[piece] + 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from pbd_warp.errors import InputError
@@ -20,6 +21,7 @@ from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS, Explicit, Integrato
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
 from pbd_warp.step.loading import load_modules
 from pbd_warp.step.methods import Direct
+from pbd_warp.step.methods.direct import DirectSolver
 from pbd_warp.step.program import Machine
 from pbd_warp.step.pull import Pull
 
@@ -165,6 +167,13 @@ class Loop:
     def unconverged(self) -> int | None:
         """Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None without one."""
         return None if self.counters is None else int(self.counters.numpy()[1])
+
+    @property
+    def missed(self) -> np.ndarray:
+        """With `Direct`: see `DirectSolver.missed`; else all 0."""
+        if isinstance(self.solver, DirectSolver):
+            return self.solver.missed()
+        return np.zeros(self.context.model.particle_count, int)
 
     @property
     def iterations_used(self) -> int:

@@ -62,6 +62,12 @@ class Readings:
         return self._loop.unconverged
 
     @property
+    def missed(self) -> np.ndarray:
+        """With `Direct`: how many solutions so far did not converge, of the connected piece that a particle belongs to,
+        int [particle_count]. Begins anew with a frame that was made again, a reset, a change of settings."""
+        return self._loop.missed
+
+    @property
     def keeps_forces(self) -> bool:
         """Whether `forces` are known: with `Direct`."""
         return self.settings.method.keeps_forces

@@ -90,7 +90,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         if failure[0] == "contacts":  # which no retry would help
             raise failed(self._when, self._snapshot(), failure)
         if not self._retry():
-            error = failed(self._when, self._snapshot(), failure, retry.tried(self.settings))
+            error = failed(self._when, self._snapshot(), failure, retry.tried(self.settings), self.missed)
             self._loop.monitor.restart()  # the next frame, of a state that was put right, is judged by itself
             raise error
         self.retried += 1

@@ -82,11 +82,14 @@ class Playback:
             return "there is no gravity, and no pinned point moves"
         return "the curves hang at rest, and no pinned point moves"
 
-    def failed(self, state: State) -> dict[str, set[int]]:
-        """Which curves a frame that failed shows as broken, by path of the prim."""
+    def failed(self, sim: Simulation) -> dict[str, set[int]]:
+        """Which curves a frame that failed shows as broken, or in which Newton's method did not converge then, by path
+        of the prim."""
         distance = self._model.distance
-        x = state.x.numpy().astype(np.float64)
+        x = sim.state.x.numpy().astype(np.float64)
         bad = ~np.isfinite(x).all(axis=1)
+        if sim.settings.on_failure != "continue":
+            bad |= sim.missed > 0
         with np.errstate(all="ignore"):
             stretched = ~(np.abs(distance.residual(x)) <= FAILED * distance.rest_length)
         bad[distance.edge[stretched].ravel()] = True
@@ -96,6 +99,15 @@ class Playback:
             if numbers.size:
                 found[curves.path] = set(numbers.tolist())
         return found
+
+    def least_converged(self, sim: Simulation) -> str:
+        """The curve in which Newton's method failed most often, in words; empty where it never did."""
+        missed = sim.missed
+        if not missed.any():
+            return ""
+        worst = int(np.argmax(missed))
+        curve = self._name([worst]).partition(" of ")[2]
+        return f", {missed[worst]} of them of {curve}"
 
     def in_words(self, sentence: str) -> str:
         """A sentence about the simulation with points of curves where it numbers particles and distances."""

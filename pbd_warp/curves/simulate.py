@@ -118,8 +118,9 @@ class _Attempt:
         if not self.playback.moved:
             hooks.on_note(f"nothing moved: {self.playback.why_still()}")
         if result.unconverged:
+            worst = self.playback.least_converged(self._sim)
             hooks.on_note(
-                f"{result.unconverged} solutions did not converge, which left links stretched by at most "
+                f"{result.unconverged} solutions did not converge{worst}; links were stretched by at most "
                 f"{100 * result.max_stretch:.2g} %; on_failure='subdivide' makes such frames again"
             )
         return result
@@ -154,7 +155,7 @@ class _Attempt:
     ) -> None:
         self._hooks.on_phase("writing")
         if isinstance(error, SimulationFailed) and self._may_leave:
-            self.failed = self.playback.failed(self._sim.state)
+            self.failed = self.playback.failed(self._sim)
             simulated = {curves.path: int((curves.sampling.sample_counts > 0).sum()) for curves in self._source.curves}
             self.given_up = bool(self.failed) and any(
                 count > len(self.failed.get(path, ())) for path, count in simulated.items()
