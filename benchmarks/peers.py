@@ -145,7 +145,7 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="*", default=["chain", "pendulum", "hanging"])
     parser.add_argument("--peers", nargs="*", default=list(PEERS), choices=list(PEERS))
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--slowest", type=float, default=5.0, help="seconds for a simulated one")
+    parser.add_argument("--slowest", type=float, default=8.0, help="seconds for a simulated one")
     parser.add_argument("--out")
     given = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
