@@ -16,6 +16,8 @@ or the step is over. (Conservative advancement, Mirtich 1996, with a bound that 
 
 from __future__ import annotations
 
+from typing import Any
+
 import warp as wp
 
 from pbd_warp.kernels.precision import Real, Vec3, func
@@ -30,25 +32,27 @@ ADVANCES = wp.constant(24)
 """Most steps in time; what is on its way still, counts as touching where it has come to: that errs on the safe side."""
 
 
-@func
-def closest_points(apart: Vec3, d_a: Vec3, d_b: Vec3, thick: Real):
+@wp.func
+def nearest_points(apart: Any, d_a: Any, d_b: Any, thick: Any):
     """s and t of the closest points, where apart = a_0 - b_0 and thick is the sum of radii."""
-    half = Real(0.5)
+    zero = type(thick)(0.0)
+    one = type(thick)(1.0)
+    half = type(thick)(0.5)
     size_a = wp.dot(d_a, d_a)
     size_b = wp.dot(d_b, d_b)
     length = wp.sqrt(half * (size_a + size_b))
-    pull = Real(DELTA) * length * wp.min(length, thick)
-    s = Real(0.0)
-    t = Real(0.0)
-    if pull > Real(0.0):
+    pull = type(thick)(DELTA) * length * wp.min(length, thick)
+    s = type(thick)(0.0)
+    t = type(thick)(0.0)
+    if pull > zero:
         aa = size_a + pull
         bb = size_b + pull
         ab = wp.dot(d_a, d_b)
         c = wp.dot(d_a, apart) - half * pull
         f = wp.dot(d_b, apart) + half * pull
-        s = wp.clamp((ab * f - c * bb) / (aa * bb - ab * ab), Real(0.0), Real(1.0))
-        t = wp.clamp((ab * s + f) / bb, Real(0.0), Real(1.0))
-        s = wp.clamp((ab * t - c) / aa, Real(0.0), Real(1.0))
+        s = wp.clamp((ab * f - c * bb) / (aa * bb - ab * ab), zero, one)
+        t = wp.clamp((ab * s + f) / bb, zero, one)
+        s = wp.clamp((ab * t - c) / aa, zero, one)
     return s, t
 
 
@@ -110,7 +114,7 @@ def meet(
         from_b = apart + time * move
         a = d_a + time * turn_a
         b = d_b + time * turn_b
-        s, t = closest_points(from_b, a, b, thick)
+        s, t = nearest_points(from_b, a, b, thick)
         between = from_b + s * a - t * b
         far = wp.length(between)
         rest = r_a0 + s * (r_a1 - r_a0) + r_b0 + t * (r_b1 - r_b0)
