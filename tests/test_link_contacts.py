@@ -99,11 +99,11 @@ def test_neighbours_are_left_out_up_to_half_a_turn_of_the_rope():
         assert neighbour[start[11] : start[12]].tolist() == ([12, 14] if most == 1 else [12, 13, 14])
 
 
-@METHODS
+@pytest.mark.parametrize("method", ["jacobi", "gauss-seidel"])
 @DTYPES
 def test_momentum_is_kept(rng, method, dtype):
     model = heap(rng, dtype=dtype, restitution=0.5)
-    sim = pbd.Simulation(model, method=method, substeps=8, gravity=(0, 0, 0), max_contacts=20000, on_failure="continue")
+    sim = pbd.Simulation(model, method=method, substeps=8, gravity=(0, 0, 0), max_contacts=20000)
     before = measure(sim).momentum
     scale = float(model.mass @ np.linalg.norm(model.v, axis=1))
     touched = 0
