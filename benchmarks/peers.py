@@ -39,7 +39,7 @@ ROUNDS_BELOW = 0.5
 def chain(links: int) -> tuple[str, pbd.Model, np.ndarray]:
     builder = pbd.ModelBuilder()
     x = np.linspace([0.0, 0, 0], [1.0, 0, 0], links + 1)
-    builder.add_rope(x, mass=(links + 1.0) / links, pinned=(0,))
+    builder.add_rope(x, mass=np.full(links + 1, 1.0 / links), pinned=(0,))
     model = builder.finalize(dtype="float64")
     return f"chain of {links} links", model, references.chain([1.0], model.x, model.v, model.w, model.gravity)[0][-1]
 
