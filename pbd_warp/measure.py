@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd_warp.forces import Forces
-from pbd_warp.kernels.collider import SPHERE
+from pbd_warp.kernels.shapes import SPHERE
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import STRETCHED
 
@@ -88,11 +88,12 @@ def _pair_overlap(sim: Simulation, x: np.ndarray) -> float:
 
 
 def _collider_overlap(sim: Simulation, x: np.ndarray) -> float:
-    model, deepest = sim.model, 0.0
+    model, deepest = sim.model, float(np.max(sim.collider_overlaps[0], initial=0.0))
     free = model.w > 0.0
     c = model.colliders
-    for kind, centre, normal, size in zip(c.kind, c.centre, c.normal, c.size, strict=True):
-        away = x[free] - centre
-        surface = np.linalg.norm(away, axis=1) - size if kind == SPHERE else away @ normal
+    for which in np.flatnonzero((c.kind <= SPHERE) & (c.moves == 0)):
+        away = x[free] - c.centre[which]
+        ball = c.kind[which] == SPHERE
+        surface = np.linalg.norm(away, axis=1) - c.size[which, 0] if ball else away @ c.size[which]
         deepest = max(deepest, float(np.max(model.radius[free] - surface, initial=0.0)))
     return deepest

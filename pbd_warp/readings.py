@@ -46,6 +46,15 @@ class Readings:
         return contacts.pair.numpy()[: int(contacts.count.numpy()[0])]
 
     @property
+    def collider_overlaps(self) -> tuple[np.ndarray, np.ndarray]:
+        """How deep each particle is in the collider in which it is deepest [m], and its number; those of planes and
+        spheres at rest, which need no device for it, are left out. Float64 and int [particle_count]."""
+        contacts = self._loop.contacts
+        if not contacts:
+            return np.zeros(self.model.particle_count), np.zeros(self.model.particle_count, int)
+        return contacts.collider_overlaps()
+
+    @property
     def iterations_used(self) -> int:
         """Iterations of all steps of the last frame (with `Direct`, of all paths too)."""
         return self._loop.iterations_used

@@ -210,7 +210,8 @@ class DirectSolver:
             *(("lam", room, wp.float64), ("grip", room, wp.vec3d), ("status", room, wp.int32)),
         ):
             setattr(c, name, context.allocate(f"direct.contact_{name}", size, dtype))
-        self._memory = context.allocate("direct.contact_memory", count * len(contacts.kind), wp.vec3d)
+        self._flat_or_round = contacts.colliders.flat_or_round()
+        self._memory = context.allocate("direct.contact_memory", count * len(context.model.colliders), wp.vec3d)
         self._correction = context.allocate("direct.correction", count, context.vec3)
 
     def restart(self) -> None:
@@ -260,8 +261,8 @@ class DirectSolver:
         context.launch(
             list_contacts,
             contacts.capacity,
-            *(contacts.kind, contacts.centre, contacts.friction, contacts.collider_friction),
-            *(context.state.x, context.w, *contacts.found, contacts.radius, context.u),
+            *(*self._flat_or_round, contacts.friction, contacts.colliders.friction),
+            *(context.state.x, context.w, *contacts.found, contacts.carried, contacts.radius, context.u),
             *(self._memory, stage.lam_scale, self._round_off, self._touching),
         )
 
@@ -272,7 +273,7 @@ class DirectSolver:
             note_contacts,
             contacts.capacity,
             *(contacts.count, contacts.pair, self._touching, context.u),
-            *(contacts.lam, contacts.normal, len(contacts.kind), self._memory),
+            *(contacts.lam, contacts.normal, len(context.model.colliders), self._memory),
         )
 
     def tension(self) -> np.ndarray:
