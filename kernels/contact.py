@@ -124,6 +124,7 @@ def find_contacts(
     depenetration: Real,  # overlap that a step takes back at most [m]; negative: all of it
     neighbour_start: wp.array[wp.int32],  # [particle_count + 1], or None: no pair is joined
     neighbour: wp.array[wp.int32],  # [2 edge_count]
+    copy_size: wp.int32,  # particles of one copy of a replicated model: no pair is of two
     # State:
     x: wp.array[Vec3],
     w: wp.array[Real],
@@ -149,6 +150,7 @@ def find_contacts(
     reach = sweep[i] + grown * (radius[i] + max_radius)
     for j in wp.hash_grid_query(grid, midpoint[i], reach):
         looks = sweep[i] > sweep[j] or (sweep[i] == sweep[j] and i < j)
+        looks = looks and i // copy_size == j // copy_size
         if looks and radius[i] + radius[j] > Real(0.0) and w[i] + w[j] > Real(0.0):
             check_pair(
                 i, j, radius, grown, depenetration, neighbour_start, neighbour, x, u, count, pair, normal, gap, valence
@@ -164,6 +166,7 @@ def find_close_contacts(
     depenetration: Real,  # overlap that a step takes back at most [m]; negative: all of it
     neighbour_start: wp.array[wp.int32],  # [particle_count + 1], or None: no pair is joined
     neighbour: wp.array[wp.int32],  # [2 edge_count]
+    copy_size: wp.int32,  # particles of one copy of a replicated model
     # State:
     x: wp.array[Vec3],
     w: wp.array[Real],
@@ -176,11 +179,11 @@ def find_close_contacts(
     gap: wp.array[Real],  # [capacity] [m]
     valence: wp.array[wp.int32],  # [particle_count]
 ):
-    """Line 8 for few particles: as `find_contacts`, but each looks at all that come after it."""
+    """Line 8 for few particles: as `find_contacts`, but each looks at all of its copy that come after it."""
     grown = Real(1.0) + margin
     middle = x[i] + Real(0.5) * u[i]
     half_path = Real(0.5) * wp.length(u[i])
-    for j in range(i + 1, x.shape[0]):
+    for j in range(i + 1, (i // copy_size + 1) * copy_size):
         rest = radius[i] + radius[j]
         apart = middle - (x[j] + Real(0.5) * u[j])
         reach = half_path + Real(0.5) * wp.length(u[j]) + grown * rest
@@ -240,8 +243,8 @@ def project_contact(
     """Line 10 for contacts: dlam = max(-lam, -C / (n_i w_i + n_j w_j)).
 
     Friction holds the slip of the step, the tangential part of u_i - u_j (of a collider u_j is what it moves there),
-    with up to mu lam (Coulomb). Here and not only in line 16, because a velocity that is stopped after the step leaves the slip of every step: a particle at
-    rest on a slope would creep down it.
+    with up to mu lam (Coulomb). Here and not only in line 16, because a velocity that is stopped after the step leaves
+    the slip of every step: a particle at rest on a slope would creep down it.
     """
     if k >= count[0]:
         return

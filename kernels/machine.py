@@ -97,7 +97,7 @@ _WALK = """\
 def _run(step_pass: StepPass, struct: Any, real: type, module: str) -> Any:
     """A pass over all its indices, with the arguments at a place of their array."""
     names = list(step_pass.arguments[real])
-    arrays = [n for n, t in step_pass.arguments[real].items() if hasattr(t, "dtype") and hasattr(t, "ndim")]
+    arrays = [n for n, t in step_pass.arguments[real].items() if hasattr(t, "dtype") and getattr(t, "ndim", 0) == 1]
     types = {n: step_pass.arguments[real][n] for n in arrays}
     scope: dict[str, Any] = {"wp": wp, "index": index, "at": step_pass.functions[real]}
     packed = from_text(f"def packed_{step_pass.name}({', '.join(arrays)}):\n    ...\n", {}, types)

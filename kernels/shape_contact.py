@@ -1,8 +1,8 @@
 """Contacts of particles with any shape, at rest or moving: C(u) = n . (u - m) + gap, gap = n . (x - q) - r.
 
 q is the point of the surface where the path comes in, seen from the shape, or the one closest to its end (shapes/); m
-is what the shape's motion in the step moves q by, so u - m is the slip. Velocity and spin are constant in the step: m = dt v + (exp(dt spin) - 1)(q - centre). A motion is never taken from two places, which would
-lose it in float32 as x + dt v does.
+is what the shape's motion in the step moves q by, so u - m is the slip. Velocity and spin are constant in the step,
+m = dt v + (exp(dt spin) - 1)(q - centre): a difference of two places would lose it in float32, as x + dt v does.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from pbd_warp.errors import InputError, PbdError, SimulationFailed
 from pbd_warp.grab.drag import Drag
-from pbd_warp.measure import Measures, measure
+from pbd_warp.measure import CopyMeasures, Measures, measure, measure_copies
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
 from pbd_warp.player.motion import Motion
@@ -13,10 +13,12 @@ from pbd_warp.show import show
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import Limits
 from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
+from pbd_warp.study.study import study
 from pbd_warp.usd.writer import UsdWriter
 from pbd_warp.version import __version__
 
 __all__ = [
+    "CopyMeasures",
     "Direct",
     "Drag",
     "GaussSeidel",
@@ -38,6 +40,8 @@ __all__ = [
     "__version__",
     "load_scene",
     "measure",
+    "measure_copies",
     "scene_names",
     "show",
+    "study",
 ]

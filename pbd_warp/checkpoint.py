@@ -182,8 +182,8 @@ def _below(folder: str, members: Mapping[str, np.ndarray]) -> dict[str, np.ndarr
 
 
 def _checked_progress(progress: Any) -> dict[str, Any]:
-    if not isinstance(progress, dict) or progress.keys() != {"frame", "retried", "moved"}:
-        raise InputError("its progress must have frame, retried, moved")
+    if not isinstance(progress, dict) or progress.keys() != {"frame", "retried", "moved", "failures"}:
+        raise InputError("its progress must have frame, retried, moved, failures")
     for name in ("frame", "retried"):
         check.whole(name, progress[name], low=0)
     return progress

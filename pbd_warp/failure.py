@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from pbd_warp.errors import SimulationFailed
+from pbd_warp.model.copies import copy_of
 from pbd_warp.preflight import SMALLER_STEPS, Snapshot, nearest_remedy
 from pbd_warp.step.constraints.contact import room_for_contacts
 
 Failure = tuple[str, int]
 """What kind, and its number: ("particle", which), ("piece", its first particle), ("stretch", edge), ("energy", 0),
-("newton", how many solutions), ("contacts", how many there were without room for them)."""
+("newton", how many solutions), ("contacts", how many there were without room for them), or
+("copies", 0): of which copies and what, the loop knows."""
 
 
 def failed(when: str, now: Snapshot, failure: Failure, tried: str = "") -> SimulationFailed:
@@ -28,6 +32,20 @@ def failed(when: str, now: Snapshot, failure: Failure, tried: str = "") -> Simul
     where = "; ".join(text for text in (f"with {now.settings}", _worst_constraint(now)) if text)
     remedy = "; ".join(text for text in (nearest_remedy(now) or _remedy(now, kind), tried) if text)
     return SimulationFailed(f"{when}: {_finding(now, failure)}", where=where, remedy=remedy)
+
+
+def failed_copies(when: str, now: Snapshot, failures: Mapping[int, Failure]) -> dict[int, str]:
+    """One sentence about each copy that has failed, as if it were alone; its particles are numbered from 0."""
+
+    def part(values: np.ndarray, k: int) -> np.ndarray:
+        part: np.ndarray = values.reshape(now.model.copy_count, -1, *values.shape[1:])[k]
+        return part
+
+    def alone(k: int) -> Snapshot:
+        x, v, w, target = (part(values, k) for values in (now.x, now.v, now.w, now.point_target))
+        return Snapshot(copy_of(now.model, k), now.settings, x, v, w, target)
+
+    return {k: str(failed(when, alone(k), failure)) for k, failure in failures.items()}
 
 
 def _remedy(now: Snapshot, kind: str) -> str:

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import warp as wp
 
 from pbd_warp.errors import InputError, SimulationFailed
+
+try:
+    import fcntl
+except ImportError:  # Windows: processes that start together compile each for itself
+    fcntl = None  # type: ignore[assignment]
 
 
 def begin() -> None:
@@ -28,9 +34,27 @@ def begin() -> None:
 def load_module(name: str, device: wp.Device) -> None:
     """Load a module of kernels, compiled if need be; what the cache has of it is made again if it does not load.
 
+    Of many processes that start together one compiles, and the others find it in the cache.
+
     Raises:
         SimulationFailed: it does not load even so.
     """
+    with _alone():
+        _load(name, device)
+
+
+@contextlib.contextmanager
+def _alone() -> Iterator[None]:
+    """No other process of this machine is in here; the lock ends with the process, however that ends."""
+    with contextlib.ExitStack() as held:
+        with contextlib.suppress(OSError):  # a cache that cannot be written to, a file system without locks
+            lock = held.enter_context(open(Path(wp.config.kernel_cache_dir) / ".pbd-warp-compiles", "w"))
+            if fcntl is not None:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _load(name: str, device: wp.Device) -> None:
     with contextlib.suppress(Exception):  # Warp has no exceptions of its own, and JSON and the file system theirs
         wp.load_module(name, device=device)
         return

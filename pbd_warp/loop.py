@@ -7,11 +7,13 @@ from typing import Any
 
 import warp as wp
 
+from pbd_warp.errors import InputError
 from pbd_warp.failure import Failure
 from pbd_warp.model.model import Model, State
 from pbd_warp.settings import Settings
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.context import NOTHING, Context, Stage
+from pbd_warp.step.copies import CopyMonitor
 from pbd_warp.step.damping import Damper
 from pbd_warp.step.divergence import DivergenceMonitor
 from pbd_warp.step.integrators import DOP853, EXPLICIT, INTEGRATORS, Integrator
@@ -38,6 +40,7 @@ class Loop:
 
     def __init__(self, model: Model, settings: Settings):
         self._settings = settings
+        _refuse_copies(model, settings)
         name = settings.integrator
         if name in EXPLICIT or INTEGRATORS[name].order > 1:
             refuse_first_order_features(settings.integrator, model, settings.damping, settings.depenetration_speed)
@@ -58,7 +61,8 @@ class Loop:
             if settings.grab_acceleration is not None:
                 bounds = settings.grab_acceleration, settings.grab_speed
                 self.pull = Pull(context, settings.dt, *bounds, fixed=not isinstance(settings.method, Direct))
-        self.monitor = DivergenceMonitor(context, settings.limits)
+        monitor = DivergenceMonitor if model.copy_count == 1 else CopyMonitor
+        self.monitor: DivergenceMonitor | CopyMonitor = monitor(context, settings.limits)
         self.start: State | None = None
         if settings.on_failure in ("subdivide", "fallback"):
             n = model.particle_count
@@ -138,12 +142,25 @@ class Loop:
         if contacts:
             self.context.diverged[4:].zero_()
             return "contacts", contacts
+        if isinstance(self.monitor, CopyMonitor):
+            return ("copies", 0) if self.monitor.found_any(seen) else self._find_unconverged()
         for kind, number in ("particle", particle), ("piece", piece), ("stretch", edge), ("energy", energy):
             if number != NOTHING:
                 return kind, number
-        if self._newton and self.unconverged:
-            return "newton", self.unconverged
-        return None
+        return self._find_unconverged()
+
+    def _find_unconverged(self) -> Failure | None:
+        return ("newton", self.unconverged) if self._newton and self.unconverged else None
+
+    def find_failed_copies(self) -> dict[int, Failure]:
+        """What is wrong with each copy that has failed in the frame just made, which is then forgotten."""
+        assert isinstance(self.monitor, CopyMonitor)
+        return self.monitor.find()
+
+    def lay_to_rest(self, copies: list[int]) -> None:
+        """These copies take no more part."""
+        assert isinstance(self.monitor, CopyMonitor)
+        self.monitor.lay_to_rest(copies)
 
     @property
     def unconverged(self) -> int | None:
@@ -207,3 +224,12 @@ class Loop:
         with wp.ScopedCapture(device=self.context.model.device, force_module_load=False) as capture:
             self.run_frame()
         return capture.graph
+
+
+def _refuse_copies(model: Model, settings: Settings) -> None:
+    if model.copy_count == 1:
+        return
+    if settings.on_failure in ("subdivide", "fallback"):
+        raise InputError(f"on_failure={settings.on_failure!r} would make all copies of a model again: use 'raise'")
+    if settings.integrator in EXPLICIT:
+        raise InputError(f"integrator {settings.integrator!r} takes no copies of a model: simulate them one by one")

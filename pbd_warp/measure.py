@@ -38,62 +38,107 @@ class Measures:
     forces: Forces | None
 
 
+@dataclass(frozen=True)
+class CopyMeasures:
+    """`Measures` of each copy of a replicated model: arrays [copy_count], vectors [copy_count, 3].
+
+    All nan where the copy has diverged (`Simulation.failures`).
+    """
+
+    residual: np.ndarray
+    max_stretch: np.ndarray
+    stretched: np.ndarray
+    overlap: np.ndarray
+    energy: np.ndarray
+    kinetic: np.ndarray
+    momentum: np.ndarray
+    angular_momentum: np.ndarray
+
+
 def measure(sim: Simulation) -> Measures:
-    """Measure a simulation as it is now; reads the state back from the device."""
+    """Measure a simulation as it is now, all copies together; reads the state back from the device."""
     with np.errstate(all="ignore"):
-        return _measure(sim)
+        each = _measure(sim)
+        largest = {name: float(np.max(getattr(each, name))) for name in ("residual", "max_stretch", "overlap")}
+        return Measures(
+            **largest,
+            stretched=int(np.sum(each.stretched)),
+            energy=float(np.sum(each.energy)),
+            kinetic=float(np.sum(each.kinetic)),
+            momentum=each.momentum.sum(axis=0),
+            angular_momentum=each.angular_momentum.sum(axis=0),
+            forces=sim.forces if sim.settings.method.keeps_forces else None,
+        )
 
 
-def _measure(sim: Simulation) -> Measures:
+def measure_copies(sim: Simulation) -> CopyMeasures:
+    """Measure each copy of a simulation as it is now; one copy where its model is not replicated."""
+    with np.errstate(all="ignore"):
+        each = _measure(sim)
+    for values in vars(each).values():
+        values[list(sim.failures)] = np.nan
+    return each
+
+
+def _measure(sim: Simulation) -> CopyMeasures:
     model = sim.model
     x = sim.state.x.numpy().astype(np.float64)
     v = sim.state.v.numpy().astype(np.float64)
     m = model.mass
-
     edges, points = model.distance, model.point
     c = edges.residual(x)
     c_point = np.zeros(0) if sim.point_target is None else points.residual(x, sim.point_target.numpy())
-    rated = edges.rest_length > 0.0
-    stretch = c[rated] / edges.rest_length[rated]
-    overlap = max(_pair_overlap(sim, x), _collider_overlap(sim, x))
-    elastic = _elastic(c, edges.compliance) + _elastic(c_point, points.compliance)
-    kinetic = float(0.5 * m @ np.sum(v * v, axis=1))
-    return Measures(
-        residual=max(_largest(c[edges.compliance == 0.0]), _largest(c_point[points.compliance == 0.0]), overlap),
-        max_stretch=_largest(stretch),
-        stretched=int(np.count_nonzero(~(np.abs(stretch[edges.compliance[rated] == 0.0]) <= STRETCHED))),
+
+    def by_copy(values: np.ndarray) -> np.ndarray:
+        return values.reshape(model.copy_count, -1, *values.shape[1:])
+
+    def largest(values: np.ndarray) -> np.ndarray:
+        return np.max(np.abs(by_copy(values)), axis=1, initial=0.0)
+
+    def total(values: np.ndarray) -> np.ndarray:
+        return np.sum(by_copy(values), axis=1)
+
+    kinetic = total(0.5 * m * np.sum(v * v, axis=1))
+    stretch = np.divide(c, edges.rest_length, out=np.zeros_like(c), where=edges.rest_length > 0.0)
+    overlap = np.maximum(_pair_overlap(sim, x), largest(_collider_overlap(sim, x)))
+    rigid = largest(np.where(edges.compliance == 0.0, c, 0.0))
+    rigid_points = largest(np.where(points.compliance == 0.0, c_point, 0.0))
+    elastic = total(_elastic(c, edges.compliance)) + total(_elastic(c_point, points.compliance))
+    return CopyMeasures(
+        residual=np.maximum(np.maximum(rigid, rigid_points), overlap),
+        max_stretch=largest(stretch),
+        stretched=total(~(np.abs(stretch) <= STRETCHED) & (edges.compliance == 0.0)).astype(np.float64),
         overlap=overlap,
-        energy=kinetic - float(m @ (x @ model.gravity)) + elastic,
+        energy=kinetic - total(m * np.sum(x * model.gravity, axis=1)) + elastic,
         kinetic=kinetic,
-        momentum=m @ v,
-        angular_momentum=m @ np.cross(x, v),
-        forces=sim.forces if sim.settings.method.keeps_forces else None,
+        momentum=total(m[:, None] * v),
+        angular_momentum=total(m[:, None] * np.cross(x, v)),
     )
 
 
-def _largest(values: np.ndarray) -> float:
-    return float(np.max(np.abs(values), initial=0.0))
+def _elastic(c: np.ndarray, compliance: np.ndarray) -> np.ndarray:
+    return np.divide(0.5 * c**2, compliance, out=np.zeros_like(c), where=compliance > 0.0)
 
 
-def _elastic(c: np.ndarray, compliance: np.ndarray) -> float:
-    compliant = compliance > 0.0
-    return float(np.sum(0.5 * c[compliant] ** 2 / compliance[compliant]))
-
-
-def _pair_overlap(sim: Simulation, x: np.ndarray) -> float:
-    pair = sim.contact_pairs
+def _pair_overlap(sim: Simulation, x: np.ndarray) -> np.ndarray:
+    """Deepest of each copy."""
+    model, pair = sim.model, sim.contact_pairs
     i, j = pair[pair[:, 1] >= 0].T
-    depth = sim.model.radius[i] + sim.model.radius[j] - np.linalg.norm(x[i] - x[j], axis=1)
-    return float(np.max(depth, initial=0.0))
+    deepest = np.zeros(model.copy_count)
+    np.maximum.at(
+        deepest, i // model.copy_size, model.radius[i] + model.radius[j] - np.linalg.norm(x[i] - x[j], axis=1)
+    )
+    return deepest
 
 
-def _collider_overlap(sim: Simulation, x: np.ndarray) -> float:
-    model, deepest = sim.model, float(np.max(sim.collider_overlaps[0], initial=0.0))
-    free = model.w > 0.0
+def _collider_overlap(sim: Simulation, x: np.ndarray) -> np.ndarray:
+    """Deepest of each particle."""
+    model = sim.model
+    deepest = sim.collider_overlaps[0]
     c = model.colliders
     for which in np.flatnonzero((c.kind <= SPHERE) & (c.moves == 0)):
-        away = x[free] - c.centre[which]
+        away = x - c.centre[which]
         ball = c.kind[which] == SPHERE
         surface = np.linalg.norm(away, axis=1) - c.size[which, 0] if ball else away @ c.size[which]
-        deepest = max(deepest, float(np.max(model.radius[free] - surface, initial=0.0)))
-    return deepest
+        deepest = np.maximum(deepest, model.radius - surface)
+    return np.where(model.w > 0.0, deepest, 0.0)

@@ -99,12 +99,12 @@ def scene_summary(name: str) -> str:
 def scene_parameters(name: str) -> dict[str, Any]:
     """The parameters of a scene that can be set, each with its default; by the scene's name, or from a file of the
     user's own."""
-    return _defaults(getattr(_module(name), "scene", None))
+    return defaults_of(getattr(scene_module(name), "scene", None))
 
 
 def scene_text(name: str) -> str:
     """What a scene says of its parameters: the docstring of its function, in one line."""
-    build = getattr(_module(name), "scene", None)
+    build = getattr(scene_module(name), "scene", None)
     return " ".join((inspect.getdoc(build) or "").split()) if callable(build) else ""
 
 
@@ -128,14 +128,24 @@ def load_scene(name: str, seed: int | None = None, parameters: Mapping[str, str]
         seed: For scenes with something random in them (those whose `scene` takes a seed).
         parameters: Values, as text, of other parameters that the scene's function takes.
     """
-    build = getattr(_module(name), "scene", None)
+    build = scene_function(name)
+    options = parse_parameters(name, build, parameters or {})
+    if seed is not None:
+        options["seed"] = check_seed(name, build, seed)
+    return build_scene(name, build, options)
+
+
+def scene_function(name: str) -> Callable[..., Scene]:
+    """The function that builds a scene, by its name or from a file of the user's own."""
+    build = getattr(scene_module(name), "scene", None)
     if not callable(build):
         raise InputError(f"scene {name} has no function scene(); it should return a pbd_warp.Scene")
-    options = _parse_parameters(name, build, parameters or {})
-    if seed is not None:
-        if "seed" not in inspect.signature(build).parameters:
-            raise InputError(f"scene {name} has nothing random in it: leave the seed out")
-        options["seed"] = check.whole("seed", seed, low=0)
+    function: Callable[..., Scene] = build
+    return function
+
+
+def build_scene(name: str, build: Callable[..., Scene], options: Mapping[str, Any]) -> Scene:
+    """What the function makes of its parameters; what goes wrong in it is an InputError."""
     try:
         scene = build(**options)
     except InputError as error:
@@ -147,9 +157,16 @@ def load_scene(name: str, seed: int | None = None, parameters: Mapping[str, str]
     return scene.changed(name=Path(name).stem)
 
 
-def _parse_parameters(name: str, build: Callable[..., Any], parameters: Mapping[str, str]) -> dict[str, Any]:
+def check_seed(name: str, build: Callable[..., Scene], seed: int) -> int:
+    """The seed, for a scene that takes one."""
+    if "seed" not in inspect.signature(build).parameters:
+        raise InputError(f"scene {name} has nothing random in it: leave the seed out")
+    return check.whole("seed", seed, low=0)
+
+
+def parse_parameters(name: str, build: Callable[..., Any], parameters: Mapping[str, str]) -> dict[str, Any]:
     """Each text as the type that the parameter's default has."""
-    known = _defaults(build)
+    known = defaults_of(build)
     options: dict[str, Any] = {}
     for key, text in parameters.items():
         if key not in known:
@@ -165,7 +182,7 @@ def _parse_parameters(name: str, build: Callable[..., Any], parameters: Mapping[
     return options
 
 
-def _defaults(build: Any) -> dict[str, Any]:
+def defaults_of(build: Any) -> dict[str, Any]:
     """The parameters of a function that have a default, with it."""
     if not callable(build):
         return {}
@@ -176,7 +193,8 @@ def _switch(text: str) -> bool:
     return {"true": True, "false": False}[text.lower()] if text.lower() in ("true", "false") else bool(int(text))
 
 
-def _module(name: str) -> ModuleType:
+def scene_module(name: str) -> ModuleType:
+    """What a scene comes from, by its name or its file."""
     return _from_file(Path(name)) if name.endswith(".py") else _builtin(name)
 
 

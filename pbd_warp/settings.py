@@ -165,6 +165,19 @@ class Settings:
             changes.setdefault("error", None)
         return replace(self, **changes)
 
+    def with_options(self, options: Mapping[str, Any]) -> Settings:
+        """These settings with what the command line says instead: fps, the method by its name, iterations and
+        tolerance of the method, others by their own names."""
+        method = {name: options[name] for name in ("iterations", "tolerance") if name in options}
+        others = {name: options[name] for name in options if name not in ("fps", "method", *method)}
+        if str(others.get("substeps", "")).lstrip("-").isdecimal():
+            others["substeps"] = int(others["substeps"])
+        if "fps" in options:
+            others["dt"] = frame_length("fps", options["fps"])
+        if "method" in options or method:
+            others["method"] = self.with_method(options.get("method"), **method).method
+        return self.changed(**others)
+
     def with_method(self, name: str | None = None, **options: Any) -> Settings:
         """These settings with another method by its name, and with options of it (iterations, tolerance).
 

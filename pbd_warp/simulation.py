@@ -14,7 +14,7 @@ from pbd_warp import check, retry
 from pbd_warp.built import BuiltForSettings
 from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.errors import SimulationFailed
-from pbd_warp.failure import Failure, failed
+from pbd_warp.failure import Failure, failed, failed_copies
 from pbd_warp.loop import Loop
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
@@ -40,6 +40,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         settings: A frozen `Settings`; `like` and `continue_with` make a simulation with others.
         state: Positions and velocities now; Warp arrays, which may be read and written between frames.
         frame: Frames done.
+        failures: Of a replicated model: the sentence on each copy that has diverged, by its number; the others go on.
         retried: Frames that "subdivide" or "fallback" made again with success.
 
     Raises:
@@ -55,6 +56,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self.model = model = settings.apply(model)
         self.frame = 0
         self.retried = 0
+        self.failures: dict[int, str] = {}
         self._loop = Loop(model, settings)
         self._context = self._loop.context
         self._moved = MovedParticles(self._context, settings.dt, self._loop.pull)
@@ -66,7 +68,8 @@ class Simulation(BuiltForSettings, Readings, Playable):
 
         Raises:
             SimulationFailed: a frame diverged, or `Direct` did not converge, and `on_failure` does not help; or there
-                were more contacts than room for them. It is the last one made: `frame` and `state` are of it.
+                were more contacts than room for them; or no copy of a replicated model is left (see `failures`). It is
+                the last one made: `frame` and `state` are of it.
             InputError: frames is not a whole number of at least 1.
         """
         last = self.frame + check.whole("frames", frames, low=1)
@@ -79,6 +82,9 @@ class Simulation(BuiltForSettings, Readings, Playable):
 
     def _recover(self, failure: Failure) -> None:
         """Make the frame just made again, as the settings say, or raise."""
+        if failure[0] == "copies":
+            self._note_failed(self._loop.find_failed_copies())
+            return
         if failure[0] == "contacts":  # which no retry would help
             raise failed(self._when, self._snapshot(), failure)
         if not self._retry():
@@ -90,6 +96,8 @@ class Simulation(BuiltForSettings, Readings, Playable):
     def reset(self) -> None:
         """Back to the initial state: what comes then is what came the first time."""
         self._moved.reset()
+        self._context.w.assign(self.model.w)
+        self.failures = {}
         self.state.x.assign(self.model.x)
         self.state.v.assign(self.model.v)
         if self.point_target is not None:
@@ -113,6 +121,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         """Write a checkpoint; see `Checkpoint.write`. extra: What the caller wants to find there again, as JSON."""
         arrays = {name: array.numpy() for name, array in self._context.arrays.items()}
         progress = {"frame": self.frame, "retried": self.retried, "moved": self._moved.memory}
+        progress["failures"] = list(self.failures.items())
         Checkpoint(self._given_model, self.settings, progress, arrays, dict(extra or {})).write(path)
 
     @classmethod
@@ -231,6 +240,12 @@ class Simulation(BuiltForSettings, Readings, Playable):
             return True
         return False
 
+    def _note_failed(self, copies: Mapping[int, Failure]) -> None:
+        self.failures |= failed_copies(self._when, self._snapshot(), copies)
+        self._loop.lay_to_rest(list(copies))
+        if len(self.failures) == self.model.copy_count:
+            raise SimulationFailed(f"all {self.model.copy_count} copies have diverged, copy 0 in {self.failures[0]}")
+
     def _take_over(self, other: Simulation, state: State | None = None) -> None:
         """Go on from where `other`, a simulation of the same model, is (or from a `state` of it)."""
         mine, theirs = self._context, other._context
@@ -242,13 +257,14 @@ class Simulation(BuiltForSettings, Readings, Playable):
         if self._loop.counters is not None and other._loop.counters is not None:
             wp.copy(self._loop.counters, other._loop.counters)
         self._moved.take_over(other._moved)
-        self.frame = other.frame
+        self.frame, self.failures = other.frame, dict(other.failures)
         self._loop.restart()
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
         memory = self._moved.checked(checkpoint.progress.get("moved"))
         checkpoint.fill(self._context.arrays, self._context.fixed, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
+        self.failures = dict(checkpoint.progress["failures"])
         self._moved.restore(memory)
 
     def _snapshot(self) -> Snapshot:

@@ -346,7 +346,7 @@ def call(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(MAPS, "small", SMALL)
 
     def run(*args):
-        monkeypatch.setattr(sys, "argv", ["pbd-warp", "stability", *args])
+        monkeypatch.setattr(sys, "argv", ["pbd-warp", "stability", *args, "--workers", "1"])
         with pytest.raises(SystemExit) as stop:
             main()
         return stop.value.code, *capsys.readouterr()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pbd_warp as pbd
-from pbd_warp.model.builder import components
+from pbd_warp.model.graph import components
 
 NAN, INF = float("nan"), float("inf")
 

@@ -213,7 +213,7 @@ def test_version_is_that_of_the_package(tmp_path):
     assert call("--version", cwd=tmp_path).stdout == f"pbd-warp {pbd.__version__}\n"
 
 
-COMMANDS = ("chart", "info", "list", "play", "run", "simulate", "stability", "view")
+COMMANDS = ("chart", "info", "list", "play", "run", "simulate", "stability", "study", "view")
 
 
 def test_every_help_has_examples_and_whole_summaries(tmp_path):

@@ -7,7 +7,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from pbd_warp.step.divergence import STRETCHED, Limits
 from pbd_warp.step.integrators import INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, Jacobi
 from pbd_warp.version import __version__
+from pbd_warp.workers import Lost, Pool, ThisProcess, alone_on_a_core
 
 SECONDS = 1.0
 """What is simulated. Chains are chaotic later: then errors say nothing about the method."""
@@ -79,38 +80,51 @@ class Sweep:
 
 
 def sweep_scene(
-    scene: Scene, sweep: Sweep, device: str | None = None, on_row: Callable[[int, int], object] = lambda done, of: None
+    scene: Scene,
+    sweep: Sweep,
+    device: str | None = None,
+    on_row: Callable[[int, int], object] = lambda done, of: None,
+    pool: Pool = ThisProcess(),  # noqa: B008 it has no state
+    tick: Callable[[], object] = lambda: None,
 ) -> Chart:
     """Measure a scene in every configuration of a sweep that it can be simulated in.
 
+    What is not time is measured by whoever is in the pool; then all are timed, here, one at a time on one core.
+
     Args:
-        on_row: Called with how many are done, of how many.
+        on_row: Called with how many are done, of how many: each configuration counts twice.
+        tick: Called now and then; what it raises ends the sweep.
 
     Raises:
         InputError: the scene can be simulated in none of them.
     """
     frames = round(SECONDS * scene.fps)
-    models = {dtype: scene.builder.finalize(device, dtype) for dtype in {*sweep.dtypes, "float64"}}
-    reference, text = _reference(scene, models["float64"], frames)
+    model = scene.builder.finalize(device, "float64")
+    reference, text = _reference(scene, model, frames)
     todo = list(product(sweep.configurations(scene), sweep.dtypes))
+    judged: dict[int, Row | InputError] = {}
+    for number, row in pool.run(_Judge(device, reference, frames), todo, tick):
+        if isinstance(row, Lost):
+            raise SimulationFailed(f"a configuration of {scene.name} has killed its worker again and again")
+        judged[number] = row
+        on_row(len(judged), 2 * len(todo))
     rows = []
-    refusal: InputError | None = None
-    for done, (configuration, dtype) in enumerate(todo):
-        try:
-            # Measured as far as it goes: what is off is marked in the row.
-            settings = configuration.settings.changed(on_failure="continue", limits=Limits(stretch=None))
-            sim = Simulation(models[dtype], settings)
-        except InputError as error:  # such as an integrator that does not model contacts
-            refusal = error
-        else:
-            rows.append(_measure(configuration, sim, reference, frames, sweep.repeat))
-        on_row(done + 1, len(todo))
+    refusal = None
+    with alone_on_a_core():
+        for number, (configuration, dtype) in enumerate(todo):
+            tick()
+            row = judged[number]
+            if isinstance(row, InputError):
+                refusal = row
+            else:
+                rows.append(_time(row, _simulation(configuration, dtype, device), configuration, frames, sweep.repeat))
+            on_row(len(todo) + number + 1, 2 * len(todo))
     if not rows:
         raise InputError(f"scene {scene.name} can be simulated in none of these configurations: {refusal}")
-    model = models["float64"]
     info = {
         "reference": text,
         "measured": f"{frames} frames at {scene.fps:g} frames/s, {sweep.repeat} repetitions, median",
+        "timed": "after all else, one at a time on one core",
         **provenance(model.device),
     }
     return Chart(tuple(rows), info)
@@ -148,48 +162,75 @@ def _reference(scene: Scene, model: Model, frames: int) -> tuple[np.ndarray, str
     return sim.state.x.numpy(), text
 
 
-def _measure(scene: Scene, sim: Simulation, reference: np.ndarray, frames: int, repeat: int) -> Row:
-    before = measure(sim).energy
-    stretch, iterations, unconverged, outcome = 0.0, 0, 0, "converged"
-    error = drift = float("nan")
-    walls = []
-    try:
+def _simulation(scene: Scene, dtype: str, device: str | None) -> Simulation:
+    """As far as it goes: what is off is marked in the row."""
+    settings = scene.settings.changed(on_failure="continue", limits=Limits(stretch=None))
+    return Simulation(scene.builder.finalize(device, dtype), settings)
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Measures all but the time of some configurations; an InputError, such as of an integrator that does not model
+    contacts, is in the place of a row."""
+
+    device: str | None
+    reference: np.ndarray
+    frames: int
+
+    def __call__(self, todo: list[tuple[Scene, str]]) -> list[Row | InputError]:
+        return [self._judge(scene, dtype) for scene, dtype in todo]
+
+    def _judge(self, scene: Scene, dtype: str) -> Row | InputError:
+        try:
+            sim = _simulation(scene, dtype, self.device)
+        except InputError as refused:
+            return InputError(str(refused))
+        before = measure(sim).energy
+        stretch, iterations, unconverged, outcome = 0.0, 0, 0, "converged"
+        error = drift = float("nan")
+        try:
+            for _ in play(sim, Drag(scene.drag), self.frames):
+                stretch = max(stretch, measure(sim).max_stretch)
+                iterations += sim.iterations_used
+                unconverged += sim.unconverged or 0
+            error = float(np.sqrt(np.mean(np.sum((sim.state.x.numpy() - self.reference) ** 2, axis=1))))
+            drift = measure(sim).energy - before
+            rigid = not np.any(sim.model.distance.compliance > 0.0)
+            if unconverged or (rigid and stretch > STRETCHED):
+                outcome = "not converged"
+        except SimulationFailed:
+            outcome = "diverged"
+        return Row(
+            scene=scene.name,
+            method=scene.settings.method.name,
+            integrator=scene.settings.integrator,
+            dtype=dtype,
+            substeps=scene.settings.steps_a_frame,
+            iterations=scene.settings.method.iterations,
+            wall_ms_per_sim_second=float("nan"),
+            wall_spread=float("nan"),
+            projections_per_sim_second=_projections(sim, iterations) / SECONDS,
+            position_error=error,
+            max_stretch=stretch,
+            energy_drift=drift,
+            outcome=outcome,
+        )
+
+
+def _time(row: Row, sim: Simulation, scene: Scene, frames: int, repeat: int) -> Row:
+    """The row with its times; one that diverged has none."""
+    if row.outcome == "diverged":
+        return row
+    walls: list[float] = []
+    while len(walls) < repeat and (not walls or walls[-1] <= 1e3 * SLOWEST):
+        sim.reset()
+        start = time.perf_counter()
         for _ in play(sim, Drag(scene.drag), frames):
-            stretch = max(stretch, measure(sim).max_stretch)
-            iterations += sim.iterations_used
-            unconverged += sim.unconverged or 0
-        error = float(np.sqrt(np.mean(np.sum((sim.state.x.numpy() - reference) ** 2, axis=1))))
-        drift = measure(sim).energy - before
-        for _ in range(repeat):
-            sim.reset()
-            start = time.perf_counter()
-            for _ in play(sim, Drag(scene.drag), frames):
-                pass
-            wp.synchronize_device(sim.model.device)
-            walls.append(1e3 * (time.perf_counter() - start) / SECONDS)
-            if walls[-1] > 1e3 * SLOWEST:
-                break
-        rigid = not np.any(sim.model.distance.compliance > 0.0)
-        if unconverged or (rigid and stretch > STRETCHED):
-            outcome = "not converged"
-    except SimulationFailed:
-        outcome = "diverged"
-    wall = statistics.median(walls) if walls else float("nan")
-    return Row(
-        scene=scene.name,
-        method=scene.settings.method.name,
-        integrator=scene.settings.integrator,
-        dtype=sim.model.dtype,
-        substeps=scene.settings.steps_a_frame,
-        iterations=scene.settings.method.iterations,
-        wall_ms_per_sim_second=wall,
-        wall_spread=(max(walls) - min(walls)) / wall if walls else float("nan"),
-        projections_per_sim_second=_projections(sim, iterations) / SECONDS,
-        position_error=error,
-        max_stretch=stretch,
-        energy_drift=drift,
-        outcome=outcome,
-    )
+            pass
+        wp.synchronize_device(sim.model.device)
+        walls.append(1e3 * (time.perf_counter() - start) / SECONDS)
+    wall = statistics.median(walls)
+    return replace(row, wall_ms_per_sim_second=wall, wall_spread=(max(walls) - min(walls)) / wall)
 
 
 def _projections(sim: Simulation, iterations: int) -> float:

@@ -4,9 +4,9 @@ import os
 import sys
 
 # Each adds itself to the application.
-from pbd_warp.cli import chart, info, list, play, run, simulate, stability, view  # noqa: F401
+from pbd_warp.cli import chart, info, list, play, run, simulate, stability, study, view  # noqa: F401
 from pbd_warp.cli.app import app
-from pbd_warp.cli.quiet import start_warp
+from pbd_warp.quiet import start_warp
 
 
 def main() -> None:

@@ -13,11 +13,23 @@ from pbd_warp.accuracy.chart import pick as pick_row
 from pbd_warp.accuracy.plot import check_picture, draw
 from pbd_warp.accuracy.sweep import Sweep, sweep_scene
 from pbd_warp.cli.app import command
-from pbd_warp.cli.options import Debug, Device, Seed, Set, comma_list, scene_file, scene_with, whole_list
+from pbd_warp.cli.options import (
+    Debug,
+    Device,
+    Scheduler,
+    Seed,
+    Set,
+    Workers,
+    comma_list,
+    scene_file,
+    scene_with,
+    whole_list,
+)
 from pbd_warp.cli.terminal import interruptible, one_sentence, tell
 from pbd_warp.errors import InputError
 from pbd_warp.paths import check_apart, check_file
 from pbd_warp.progress import progress_bar
+from pbd_warp.workers import open_some
 
 
 @command("chart", "chart my_scene.py", "chart rope --methods direct,jacobi --pick 1e-3")
@@ -41,6 +53,8 @@ def chart(
     fps: Annotated[float | None, typer.Option(help="Frames a second.")] = None,
     seed: Seed = None,
     set_: Set = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     debug: Debug = False,
 ) -> None:
     """Chart speed against accuracy for a scene: measure it under many settings, draw error against time."""
@@ -66,8 +80,12 @@ def chart(
             built = scene_with(scene, {"fps": fps} if fps is not None else {}, seed, set_)
             numbers = csv if csv is not None else picture.with_suffix(".csv")
             check_apart({"the scene": scene_file(scene)}, {"--out": [picture], "--csv": [check_file(numbers)]})
-            with progress_bar(f"chart {built.name}") as advance, interruptible() as stop_if_asked:
-                made = sweep_scene(built, sweep, device, lambda done, of: (advance(done, of), stop_if_asked()))
+            with (
+                progress_bar(f"chart {built.name}") as advance,
+                interruptible() as stop_if_asked,
+                open_some(workers, scheduler) as pool,
+            ):
+                made = sweep_scene(built, sweep, device, advance, pool, stop_if_asked)
             save(made, numbers)
         draw(made, picture)
         tell(f"{len(made.rows)} configurations, {len(front(made.rows))} on the front: {picture}")

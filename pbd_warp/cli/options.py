@@ -14,7 +14,7 @@ import typer
 from pbd_warp import check
 from pbd_warp.errors import InputError
 from pbd_warp.scene import Scene, load_scene
-from pbd_warp.settings import Settings, frame_length
+from pbd_warp.settings import Settings
 from pbd_warp.step.methods import METHODS
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="A scene's name, or your own file.py.")]
@@ -34,6 +34,10 @@ Every = Annotated[int, typer.Option(help="Frames from checkpoint to checkpoint."
 Resume = Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene.")]
 Seed = Annotated[int | None, typer.Option(help="For scenes with something random in them.")]
+Workers = Annotated[
+    int | None, typer.Option(help="Processes that share the work; as many as there are cores unless given.")
+]
+Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, whose workers do the work instead.")]
 Debug = Annotated[bool, typer.Option("--debug", help="Show a traceback with an error.")]
 
 
@@ -84,19 +88,6 @@ def takes_settings(command: Callable[..., None]) -> Callable[..., None]:
     return with_changes
 
 
-def changed(settings: Settings, changes: Mapping[str, Any]) -> Settings:
-    """Settings with what the command line says instead."""
-    method = {name: changes[name] for name in ("iterations", "tolerance") if name in changes}
-    others = {name: changes[name] for name in changes if name not in ("fps", "method", "iterations", "tolerance")}
-    if str(others.get("substeps", "")).lstrip("-").isdecimal():
-        others["substeps"] = int(others["substeps"])
-    if "fps" in changes:
-        others["dt"] = frame_length("fps", changes["fps"])
-    if "method" in changes or method:
-        others["method"] = settings.with_method(changes.get("method"), **method).method
-    return settings.changed(**others)
-
-
 def parameters_of(set_: Sequence[str] | None) -> dict[str, str]:
     """What --set says, by name."""
     for text in set_ or []:
@@ -112,7 +103,7 @@ def scene_with(
     scene = load_scene(name, seed, parameters_of(set_))
     if frames is not None:
         scene = scene.changed(frames=check.whole("frames", frames, low=1))
-    return scene.changed(settings=changed(scene.settings, changes))
+    return scene.changed(settings=scene.settings.with_options(changes))
 
 
 def scene_file(name: str) -> list[Path]:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from pbd_warp.cli.app import command
-from pbd_warp.cli.options import Checkpoint, Debug, Device, Dtype, Every, Resume, changed, takes_settings
+from pbd_warp.cli.options import Checkpoint, Debug, Device, Dtype, Every, Resume, takes_settings
 from pbd_warp.cli.run import hooks_of, table, written
 from pbd_warp.cli.terminal import interruptible, one_sentence, tell, warn
 from pbd_warp.curves import Material, StageHooks, load_stage, simulate
@@ -99,7 +99,7 @@ def simulate_stage(
             check_apart({"the stage": layer_files(source.stage)}, outputs)
             for text in (*source.notes, *source.left):
                 warn(text)
-            source = source.changed(settings=changed(source.scene.settings, changes))
+            source = source.changed(settings=source.scene.settings.with_options(changes))
             clock.total = source.timeline.frames
             hooks = hooks_of(checkpoint, every, resume, frame_done)
             result = simulate(source, out, flatten, StageHooks(**vars(hooks), on_note=warn, on_phase=begin), strict)

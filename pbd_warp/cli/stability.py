@@ -11,15 +11,16 @@ from pbd_warp import check
 from pbd_warp.accuracy.plot import check_picture
 from pbd_warp.atomic import write_text
 from pbd_warp.cli.app import command
-from pbd_warp.cli.options import Debug
+from pbd_warp.cli.options import Debug, Scheduler, Workers
 from pbd_warp.cli.terminal import interruptible, one_sentence, tell
 from pbd_warp.errors import Interrupted
 from pbd_warp.progress import progress_bar
 from pbd_warp.scene import references
-from pbd_warp.stability.atlas import measure_map, save
+from pbd_warp.stability.atlas import measure_maps, save
 from pbd_warp.stability.draw import draw
 from pbd_warp.stability.maps import choose
 from pbd_warp.stability.page import page
+from pbd_warp.workers import open_some
 
 
 @command("stability", "stability", "stability chain_length --out maps")
@@ -31,6 +32,8 @@ def stability(
     out: Annotated[Path, typer.Option(help="The folder for pictures, numbers and README.md; made if need be.")] = Path(
         "stability"
     ),
+    workers: Workers = None,
+    scheduler: Scheduler = None,
     debug: Debug = False,
 ) -> None:
     """Map where methods fail: sweep two parameters of a scene, draw what became of each run."""
@@ -43,22 +46,25 @@ def stability(
         check.folder(out)
         cells, done = sum(made.size for made in maps), 0
         atlas = []
-        with progress_bar("stability") as advance, interruptible() as stop_if_asked:
+        with (
+            progress_bar("stability") as advance,
+            interruptible() as stop_if_asked,
+            open_some(workers, scheduler) as pool,
+        ):
 
             def on_cell() -> None:
                 nonlocal done
                 done += 1
                 advance(done, cells)
-                stop_if_asked()
 
             try:
-                for made in maps:
-                    measured = measure_map(made, on_cell)
-                    save(measured, out / f"{made.name}.csv")
-                    draw(measured, out / f"{made.name}.svg")
+                for measured in measure_maps(maps, on_cell, pool, stop_if_asked):
+                    save(measured, out / f"{measured.map.name}.csv")
+                    draw(measured, out / f"{measured.map.name}.svg")
                     atlas.append(measured)
             except KeyboardInterrupt:
                 kept = f"; {', '.join(m.map.name for m in atlas)} in {out}" if atlas else ""
                 raise Interrupted(f"interrupted after {len(atlas)} of {len(maps)} maps{kept}") from None
+        atlas.sort(key=lambda measured: maps.index(measured.map))
         write_text(out / "README.md", page(atlas))
         tell(f"{len(atlas)} maps, {cells} cells: {out / 'README.md'}")

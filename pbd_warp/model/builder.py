@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 import warp as wp
@@ -12,6 +13,8 @@ from pbd_warp import check, kernel_cache
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.model.colliders import ColliderBuilder
 from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
+from pbd_warp.model.copies import check_varying, replicate
+from pbd_warp.model.graph import components
 from pbd_warp.model.model import Contacts, Model
 
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
@@ -36,6 +39,7 @@ class ModelBuilder(ColliderBuilder):
         self._points: list[tuple[np.ndarray, ...]] = []  # particle, target, stiffness, compliance
         self._ropes: list[np.ndarray] = []
         self._contacts: Contacts | None = None
+        self._copies: tuple[int, dict[str, ArrayLike]] | None = None
 
     def __repr__(self) -> str:
         counts = {"particles": self._particles, "distances": self._distances, "points": self._points}
@@ -192,6 +196,21 @@ class ModelBuilder(ColliderBuilder):
             check.number("friction", friction, low=0.0), check.number("restitution", restitution, low=0.0, high=1.0)
         )
 
+    def replicate(self, n: int, **varying: ArrayLike) -> ModelBuilder:
+        """A builder of n copies of what is in this one: many small simulations in one, which do not meet each other.
+
+        Args:
+            n: How many.
+            **varying: What differs from copy to copy: positions [m], velocity [n, particle_count, 3]; mass [kg] (of
+                what is not fixed), radius [n, particle_count]; rest_length [m], stiffness, compliance [m/N]
+                [n, edge_count]. [n, 1] stands for one value a copy.
+        """
+        copies, edges = copy(self), sum(len(rows[0]) for rows in self._distances)
+        check_varying(check.whole("copies", n, low=1), self.particle_count, edges, varying)
+        copies._copies = n, varying
+        vars(copies).update({name: list(value) for name, value in vars(self).items() if isinstance(value, list)})
+        return copies
+
     def finalize(self, device: str | wp.Device | None = None, dtype: str = "float32") -> Model:
         """Make a Model.
 
@@ -211,7 +230,7 @@ class ModelBuilder(ColliderBuilder):
         if self._contacts and not np.any(radius > 0.0):
             raise InputError("contacts are enabled but every radius is 0: give the particles a radius")
         distance = DistanceSet(*_columns(self._distances, _INDEX_PAIR, _SCALAR, _SCALAR, _SCALAR))
-        return Model(
+        model = Model(
             gravity=self.gravity,
             x=x,
             v=v,
@@ -226,6 +245,7 @@ class ModelBuilder(ColliderBuilder):
             device=find_device(device),
             real=DTYPES[dtype],
         )
+        return replicate(model, *self._copies) if self._copies else model
 
     def _positions(self) -> np.ndarray:
         return np.concatenate([x for x, *_ in self._particles])
@@ -246,22 +266,6 @@ _SCALAR, _VECTOR = np.zeros(0), np.zeros((0, 3))
 def _columns(rows: list[tuple[np.ndarray, ...]], *empty: np.ndarray) -> list[np.ndarray]:
     """The columns of chunks of rows, each below its `empty` one, which says what it looks like without any."""
     return [np.concatenate(column) for column in zip(empty, *rows, strict=True)]
-
-
-def components(edge: np.ndarray, particle_count: int) -> np.ndarray:
-    """The connected component of each particle, numbered from 0, int32 [particle_count]."""
-    label = np.arange(particle_count)
-    while True:
-        low = np.minimum(label[edge[:, 0]], label[edge[:, 1]])
-        new = label.copy()
-        # The labels of both ends, and the ends' present representatives, sink to the lower one; then the
-        # representatives are followed, which halves every way to the root.
-        for end in (edge[:, 0], edge[:, 1], label[edge[:, 0]], label[edge[:, 1]]):
-            np.minimum.at(new, end, low)
-        new = new[new]
-        if np.array_equal(new, label):
-            return np.unique(label, return_inverse=True)[1].astype(np.int32)
-        label = new
 
 
 def find_device(device: str | wp.Device | None) -> wp.Device:

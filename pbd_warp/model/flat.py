@@ -11,9 +11,10 @@ import numpy as np
 from pbd_warp import check
 from pbd_warp.errors import InputError
 from pbd_warp.kernels.shapes import KINDS, MESH
-from pbd_warp.model.builder import DTYPES, components
+from pbd_warp.model.builder import DTYPES
 from pbd_warp.model.colliders import Colliders
 from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
+from pbd_warp.model.graph import components
 from pbd_warp.model.meshes import checked_mesh
 from pbd_warp.model.model import Contacts, Model
 
@@ -29,6 +30,8 @@ def flat_arrays(model: Model) -> Iterator[tuple[str, np.ndarray]]:
             yield field.name, value
     yield "ropes", np.concatenate([np.zeros(0, np.int32), *model.ropes])
     yield "rope_lengths", np.array([len(rope) for rope in model.ropes], int)
+    if model.copy_count > 1:
+        yield "copy_count", np.array(model.copy_count)
 
 
 def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Model:
@@ -87,6 +90,9 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
     along = in_range("ropes", (rows("ropes"),), n)
     if np.any(lengths < 1) or lengths.sum() != len(along):
         raise InputError("ropes and rope_lengths do not fit")
+    copies = int(take("copy_count", (), np.int64)) if "copy_count" in flat else 1
+    if copies < 1 or n % copies or edges % copies or points % copies:
+        raise InputError("copy_count does not divide the model into equal parts")
     model = Model(
         gravity=take("gravity", (3,)),
         x=take("x", (n, 3)),
@@ -101,6 +107,7 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
         component=take("component", (n,), np.int32),
         device=device,
         real=DTYPES[dtype],
+        copy_count=copies,
     )
     if flat:
         raise InputError(f"{next(iter(flat))} is no part of a model")

@@ -35,6 +35,7 @@ class Model:
     radius [m], shape [particle_count].
     component: the connected component of each particle, shape [particle_count].
     ropes: particle indices along each rope, for drawing and for path solvers.
+    copy_count: of how many equal graphs it consists, one after the other (see copies.py).
     """
 
     gravity: np.ndarray
@@ -50,6 +51,7 @@ class Model:
     component: np.ndarray
     device: wp.Device
     real: type
+    copy_count: int = 1
 
     @property
     def particle_count(self) -> int:
@@ -58,6 +60,11 @@ class Model:
     @property
     def constraint_count(self) -> int:
         return len(self.distance) + len(self.point)
+
+    @property
+    def copy_size(self) -> int:
+        """Particles of one copy."""
+        return self.particle_count // self.copy_count
 
     @property
     def dtype(self) -> str:
@@ -85,7 +92,8 @@ class Model:
         counts = {"distances": len(self.distance), "points": len(self.point), "colliders": len(self.colliders)}
         there = "".join(f", {count} {name}" for name, count in counts.items() if count)
         contacts = ", contacts" if self.contacts else ""
-        return f"Model({self.particle_count} particles{there}{contacts}; {self.dtype} on {self.device})"
+        copies = f" in {self.copy_count} copies" if self.copy_count > 1 else ""
+        return f"Model({self.particle_count} particles{there}{contacts}{copies}; {self.dtype} on {self.device})"
 
 
 @dataclass(frozen=True)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from pbd_warp.accuracy.sweep import provenance
-from pbd_warp.errors import InputError, unknown
+from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.model.builder import find_device
 from pbd_warp.stability.classify import NUMBERS, OUTCOMES, Figures, classify
 from pbd_warp.stability.map import Map
 from pbd_warp.table import TableRow, load_table, save_table
+from pbd_warp.workers import Lost, Pool, ThisProcess
 
 REFUSED = "refused"
+
+Run = Callable[[float, float], Figures]
+"""What the cell at (x, y) of a panel runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +70,17 @@ class Measured:
 
 def measure_cell(made: Map, panel: str, x: float, y: float) -> Cell:
     """Run one cell of a map."""
+    return _measure_cell(made.panels[panel].cell, panel, x, y)
+
+
+def _measure_cells(run: Mapping[tuple[str, str], Run], places: Sequence[tuple[str, str, float, float]]) -> list[Cell]:
+    """Run cells (map, panel, x, y) by what each panel runs: all of the maps that travels to workers."""
+    return [_measure_cell(run[name, panel], panel, x, y) for name, panel, x, y in places]
+
+
+def _measure_cell(run: Run, panel: str, x: float, y: float) -> Cell:
     try:
-        figures = made.panels[panel].cell(x, y)
+        figures = run(x, y)
         outcome = classify(figures)
     except InputError:
         figures, outcome = Figures(), REFUSED
@@ -74,22 +88,44 @@ def measure_cell(made: Map, panel: str, x: float, y: float) -> Cell:
     return Cell(panel=panel, x=x, y=y, outcome=outcome, **numbers)
 
 
-def measure_map(made: Map, on_cell: Callable[[], object] = lambda: None) -> Measured:
-    """Run every cell of a map; `on_cell` is called after each."""
-    cells = []
-    for panel in made.panels:
-        for x in made.x.values:
-            for y in made.y.values:
-                cells.append(measure_cell(made, panel, float(x), float(y)))
-                on_cell()
-    info = {
-        "map": made.name,
-        "scene": made.scene,
-        "x": made.x.name,
-        "y": made.y.name,
-        **provenance(str(find_device(None))),
-    }
-    return Measured(made, tuple(cells), info)
+def measure_maps(
+    maps: Sequence[Map],
+    on_cell: Callable[[], object] = lambda: None,
+    pool: Pool = ThisProcess(),  # noqa: B008 it has no state
+    tick: Callable[[], object] = lambda: None,
+) -> Iterator[Measured]:
+    """Run every cell of some maps, and give each map when it is complete.
+
+    Args:
+        on_cell: Called after each.
+        pool: Who runs them; no worker waits for the end of a map.
+        tick: Called several times a second; what it raises ends the run.
+    """
+    run = {(made.name, name): panel.cell for made in maps for name, panel in made.panels.items()}
+    places = [(made.name, *place) for made in maps for place in places_of(made)]
+    cells: dict[str, dict[tuple[str, float, float], Cell]] = {made.name: {} for made in maps}
+    by_name = {made.name: made for made in maps}
+    for number, cell in pool.run(partial(_measure_cells, run), places, tick):
+        name, *place = places[number]
+        if isinstance(cell, Lost):
+            raise SimulationFailed(f"cell {place} of the map {name} has killed its worker repeatedly")
+        cells[name][cell.panel, cell.x, cell.y] = cell
+        on_cell()
+        if len(cells[name]) == by_name[name].size:
+            made = by_name[name]
+            info = {"map": name, "scene": made.scene, "x": made.x.name, "y": made.y.name}
+            info |= provenance(str(find_device(None)))
+            yield Measured(made, tuple(cells[name][place] for place in places_of(made)), info)
+
+
+def measure_map(made: Map, on_cell: Callable[[], object] = lambda: None, pool: Pool = ThisProcess()) -> Measured:  # noqa: B008
+    """Run every cell of one map, as `measure_maps`."""
+    return next(measure_maps([made], on_cell, pool))
+
+
+def places_of(made: Map) -> list[tuple[str, float, float]]:
+    """(panel, x, y) of each cell."""
+    return [(panel, float(x), float(y)) for panel in made.panels for x in made.x.values for y in made.y.values]
 
 
 def save(measured: Measured, path: Path) -> None:
@@ -104,7 +140,7 @@ def load(made: Map, path: Path) -> Measured:
         InputError: it cannot be read, or its cells are not those of the map.
     """
     cells, info = load_table("the map", Cell, path)
-    wanted = {(panel, float(x), float(y)) for panel in made.panels for x in made.x.values for y in made.y.values}
+    wanted = set(places_of(made))
     if {(cell.panel, cell.x, cell.y) for cell in cells} != wanted or len(cells) != len(wanted):
         raise InputError(f"{path}: its cells are not those of the map {made.name}: measure it again")
     return Measured(made, cells, info)

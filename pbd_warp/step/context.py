@@ -17,7 +17,9 @@ from pbd_warp.model.model import Model, State
 from pbd_warp.step.launch import Launcher
 
 NOTHING = int(divergence.NOTHING)
-"""In the first three places of `diverged`: nothing to tell."""
+"""In all places of `diverged` but the last: nothing to tell."""
+
+NOTHING_TO_TELL = np.array([*[NOTHING] * 4, 0], np.int32)
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,11 @@ class Context:
         self.point_target = None
         if len(model.point):
             self.point_target = self.upload("point.target", model.point.target, self.vec3)
-        self.diverged = self.upload("diverged", [*[NOTHING] * 4, 0], wp.int32)
+        self.diverged = self.upload("diverged", NOTHING_TO_TELL, wp.int32)
         self.gravity = self.vec3(*model.gravity)
+
+    def forget_divergence(self) -> None:
+        self.diverged.assign(NOTHING_TO_TELL)
 
     def upload(self, name: str, values: Any, dtype: Any = None) -> wp.array:
         """A device array, by default in the model's precision; `name` is what the cost sheet calls it."""

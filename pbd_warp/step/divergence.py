@@ -9,7 +9,8 @@ import warp as wp
 
 from pbd_warp import check
 from pbd_warp.kernels.divergence import CHUNK, check_energy, check_stretch, sum_energy
-from pbd_warp.step.context import NOTHING, Context
+from pbd_warp.model.model import Model
+from pbd_warp.step.context import Context
 
 STRETCHED = 0.1
 """A rigid link further off its length, or two particles deeper inside each other, than this fraction of it count as a
@@ -37,6 +38,11 @@ class Limits:
                 check.number(f"limit of {name}", value, above=0.0)
 
 
+def energy_of(model: Model) -> np.ndarray:
+    """Kinetic energy and that in gravity of each particle at the start [J]."""
+    return model.mass * (0.5 * np.sum(model.v**2, axis=1) - model.x @ model.gravity)
+
+
 class DivergenceMonitor:
     """Compares a frame with the limits, in its last launches."""
 
@@ -50,14 +56,13 @@ class DivergenceMonitor:
             self._rest_length = context.upload("divergence.rest_length", model.distance.rest_length)
         self.energy_limit = None
         if limits.energy is not None:
-            start = model.mass @ (0.5 * np.sum(model.v**2, axis=1) - model.x @ model.gravity)
-            self.energy_limit = float(start) + limits.energy
+            self.energy_limit = float(energy_of(model).sum()) + limits.energy
             self._mass = context.upload("divergence.mass", model.mass)
             self._energy = context.allocate("divergence.energy", 1, wp.float64)
 
     def restart(self) -> None:
         """Forget what was found."""
-        self._context.diverged.assign(np.array([*[NOTHING] * 4, 0], np.int32))
+        self._context.forget_divergence()
 
     def launch(self) -> None:
         """At the end of a frame."""

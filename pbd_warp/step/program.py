@@ -15,6 +15,7 @@ from pbd_warp.kernels import (
     bounce,
     collider,
     contact,
+    copies,
     damping,
     distance,
     divergence,
@@ -51,7 +52,7 @@ SECOND_ORDER = (
 )
 SELDOM = (
     *(iteration.begin_iterations, iteration.end_iteration, jacobi.add_corrections_accelerated, distance.limit_lengths),
-    *(divergence.sum_energy, divergence.check_energy),
+    *(divergence.sum_energy, divergence.check_energy, copies.check_copies),
 )
 CONTACTS = (
     *(contact.find_close_contacts, collider.find_collider_contacts, contact.note_overflow, contact.project_contact),

@@ -19,7 +19,7 @@ MARGIN = 0.05
 step, and a pair that was not watched would overlap until the next one."""
 
 WITHOUT_GRID = 300
-"""Up to so many particles each looks at all others: building a grid takes longer (benchmarks/frames.py)."""
+"""Up to so many particles (of a copy) each looks at all others: building a grid takes longer (benchmarks/frames.py)."""
 
 CONTACTS_PER_PARTICLE = 8
 """Room by default. Equal spheres touch at most 12 others, each contact counted once for two: 6, and 2 colliders."""
@@ -77,7 +77,7 @@ class ContactConstraints:
             self.neighbour_start = context.upload("contact.neighbour_start", start, wp.int32)
             self.neighbour = context.upload("contact.neighbour", neighbour, wp.int32)
         self.grid = None
-        if self.pairs and n > WITHOUT_GRID:
+        if self.pairs and model.copy_size > WITHOUT_GRID:
             self.max_radius = float(model.radius.max())
             self.cell_width = 2.0 * self.max_radius * (1.0 + MARGIN)
             # Some two cells a particle; the grid wraps around, so its extent does not bound the scene.
@@ -98,7 +98,7 @@ class ContactConstraints:
             launch.zero(self.carried)
         launch.copy(self.valence, self._lasting_valence)
         launch.copy(self.v_before, context.state.v)
-        joined = (self.neighbour_start, self.neighbour)
+        joined = (self.neighbour_start, self.neighbour, context.model.copy_size)
         if self.grid is not None:
             launch(sweep_midpoints, n, x, u, self.midpoint, self.sweep)
             launch.build_grid(self.grid, self.midpoint, self.cell_width)

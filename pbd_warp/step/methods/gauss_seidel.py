@@ -59,7 +59,7 @@ class GaussSeidelSolver:
         edges, points = context.model.distance, context.model.point
         self._groups: list[Distances | Points] = [
             Distances(context, edges.subset(group), method.iterations, f"distance.{colour}")
-            for colour, group in enumerate(colours(edges.edge))
+            for colour, group in enumerate(_colours_of_copies(edges.edge, context.model.copy_count))
         ]
         if len(points):
             self._groups.append(Points(context, method.iterations))
@@ -90,6 +90,12 @@ class GaussSeidelSolver:
         if self._contacts:
             u = self._context.u
             self._context.launch(add_corrections, len(u), None, self._correction, u)
+
+
+def _colours_of_copies(edge: np.ndarray, copies: int) -> list[np.ndarray]:
+    """Every copy is coloured as the first, so that it is solved as it would be alone."""
+    m = len(edge) // copies
+    return [(np.arange(copies)[:, None] * m + group).ravel() for group in colours(edge[:m])]
 
 
 def colours(edge: np.ndarray) -> list[np.ndarray]:
