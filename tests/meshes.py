@@ -27,7 +27,7 @@ def torus(large=0.3, small=0.1, n=48, m=24):
     )
     around[-1], across[:, -1] = 0.0, 0.0
     rho = large + small * np.cos(across)
-    return grid(np.stack([rho * np.sin(around), -small * np.sin(across), rho * np.cos(around)], axis=-1))
+    return grid(np.stack([rho * np.sin(around), small * np.sin(across), rho * np.cos(around)], axis=-1))
 
 
 def cuboid(size=(1.0, 1.0, 1.0)):

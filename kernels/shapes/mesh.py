@@ -7,8 +7,10 @@ holds on both sides: the normal points to the side where one is.
 Warp finds the nearest triangle, in float32; the nearest point of that triangle is worked out in the precision of the
 step, so a step is no coarser than its other constraints. Inside of a triangle the normal is the triangle's own, which
 rounding cannot turn however near one is; at edges and corners it points from them.
-Source: nearest point of a triangle after Ericson 2005, Real-Time Collision Detection, section 5.1.5; the side at edges
-and corners by angle-weighted normals (Baerentzen and Aanaes 2005), which Warp's query has.
+The side at edges and corners, where the nearest triangle's plane does not tell it, is that of the triangle which a ray
+from s into that triangle meets first. (Warp's own sign sums up all normals at the same distance, which is nonsense in
+the middle of a torus.)
+Source: nearest point of a triangle after Ericson 2005, Real-Time Collision Detection, section 5.1.5; the ray is ours.
 """
 
 from __future__ import annotations
@@ -16,6 +18,9 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.precision import Real, Vec3, func
+
+INTO = wp.constant(1.0e-2)
+"""Of the way from an edge to the middle of its triangle, where a ray meets it."""
 
 
 @func
@@ -61,6 +66,18 @@ def nearest_on_triangle(a: Vec3, b: Vec3, c: Vec3, s: Vec3):
 
 
 @func
+def behind(id: wp.uint64, point: wp.vec3f, a: Vec3, b: Vec3, c: Vec3, q: Vec3, d: Real):
+    """Whether a point is inside of a closed mesh, its nearest one being q, on the edge of a triangle whose plane it is d
+    above."""
+    within = q + Real(INTO) * ((a + b + c) / Real(3.0) - q)
+    to = wp.vec3f(wp.float32(within[0]), wp.float32(within[1]), wp.float32(within[2])) - point
+    query = wp.mesh_query_ray(id, point, wp.normalize(to), wp.float32(2.0) * wp.length(to))
+    if query.result:
+        return wp.dot(query.normal, to) > wp.float32(0.0)
+    return d < Real(0.0)
+
+
+@func
 def mesh(size: Vec3, id: wp.uint64, reach: Real, s: Vec3):
     """Distance of s [m], and the normal there; where nothing is within `reach`, that and no normal."""
     zero = Real(0.0)
@@ -69,7 +86,7 @@ def mesh(size: Vec3, id: wp.uint64, reach: Real, s: Vec3):
     far = reach
     if closed and wp.length(s) < size[2]:
         far = wp.max(reach, size[1])  # or who is deep inside would find nothing
-    query = wp.mesh_query_point_sign_normal(id, point, wp.float32(far))
+    query = wp.mesh_query_point_no_sign(id, point, wp.float32(far))
     if not query.result:
         return reach, Vec3()
     a = corner(id, 3 * query.face)
@@ -86,7 +103,7 @@ def mesh(size: Vec3, id: wp.uint64, reach: Real, s: Vec3):
         return d, n
     apart = wp.length(away)
     if apart > Real(1.0e-6) * wp.length(b - a):
-        if closed and Real(query.sign) < zero:
+        if closed and behind(id, point, a, b, c, s - away, d):
             return -apart, -away / apart
         return apart, away / apart
     return d, n
