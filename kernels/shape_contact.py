@@ -10,7 +10,7 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.contact import limit_overlap
-from pbd_warp.kernels.precision import Quat, Real, Vec3, func, step_pass
+from pbd_warp.kernels.precision import Quat, Real, Vec3, func, kernel, step_pass
 from pbd_warp.kernels.shapes import MESH, entry, surface
 
 NOOKS = wp.constant(3)
@@ -149,3 +149,30 @@ def find_overlaps(
         if radius[i] - d > depth[i]:
             depth[i] = radius[i] - d
             which[i] = c
+
+
+@kernel
+def aim_shapes(
+    # In:
+    which: wp.array[wp.int32],  # [aimed_count]
+    place: wp.array[Vec3],  # [aimed_count] where they are at the end of the frame [m]
+    turn: wp.array[Quat],  # [aimed_count]
+    dt: Real,  # of the frame [s]
+    # State:
+    centre: wp.array[Vec3],  # [shape_count] [m]
+    rotation: wp.array[Quat],  # [shape_count]
+    # Out:
+    velocity: wp.array[Vec3],  # [shape_count] [m/s]
+    spin: wp.array[Vec3],  # [shape_count] [rad/s]
+):
+    """Velocity and spin that take each there within a frame, from where it really is: rounding does not add up."""
+    k = wp.tid()
+    c = which[k]
+    velocity[c] = (place[k] - centre[c]) / dt
+    q = turn[k] * wp.quat_inverse(rotation[c])
+    axis = Vec3(q[0], q[1], q[2])
+    size = wp.length(axis)
+    spin[c] = Vec3()
+    if size > Real(0.0):
+        angle = Real(2.0) * wp.atan2(size, wp.abs(q[3]))  # the shorter way round
+        spin[c] = (wp.where(q[3] < Real(0.0), -angle, angle) / (dt * size)) * axis

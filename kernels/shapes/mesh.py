@@ -67,8 +67,8 @@ def nearest_on_triangle(a: Vec3, b: Vec3, c: Vec3, s: Vec3):
 
 @func
 def behind(id: wp.uint64, point: wp.vec3f, a: Vec3, b: Vec3, c: Vec3, q: Vec3, d: Real):
-    """Whether a point is inside of a closed mesh, its nearest one being q, on the edge of a triangle whose plane it is d
-    above."""
+    """Whether a point is inside of a closed mesh, its nearest one being q, on the edge of a triangle, d above its
+    plane."""
     within = q + Real(INTO) * ((a + b + c) / Real(3.0) - q)
     to = wp.vec3f(wp.float32(within[0]), wp.float32(within[1]), wp.float32(within[2])) - point
     query = wp.mesh_query_ray(id, point, wp.normalize(to), wp.float32(2.0) * wp.length(to))

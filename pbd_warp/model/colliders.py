@@ -52,6 +52,18 @@ class Colliders:
         p, t = self.point_count[:which].sum(), self.triangle_count[:which].sum()
         return self.points[p : p + self.point_count[which]], self.triangles[t : t + self.triangle_count[which]]
 
+    def overlaps_at_rest(self, x: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How deep particles at x [m] are in the plane or sphere at rest in which they are deepest [m], 0: in none, and
+        its number; shapes [particle_count]."""
+        depth, deepest = np.zeros(len(x)), np.zeros(len(x), int)
+        for which in np.flatnonzero((self.kind <= SPHERE) & (self.moves == 0)):
+            away = x - self.centre[which]
+            ball = self.kind[which] == SPHERE
+            surface = np.linalg.norm(away, axis=1) - self.size[which, 0] if ball else away @ self.size[which]
+            deeper = radius - surface > depth
+            depth[deeper], deepest[deeper] = (radius - surface)[deeper], which
+        return depth, deepest
+
     def name(self, which: int) -> str:
         """For a message."""
         return f"collider {which} (a {NAMES[int(self.kind[which])]})"

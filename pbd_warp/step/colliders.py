@@ -36,6 +36,7 @@ class ColliderShapes:
         self._plain = np.flatnonzero(plain)
         self.shapes = np.flatnonzero(~plain)
         self.moving = bool(np.any(c.moves))
+        self._start: tuple[wp.array, ...] = ()
         if len(self._plain):
             some = self._plain
             self._plain_arrays = (
@@ -59,6 +60,7 @@ class ColliderShapes:
             self.rotation = upload("shape.rotation", c.rotation[some], context.quat)
             self.velocity = upload("shape.velocity", c.velocity[some], context.vec3)
             self.spin = upload("shape.spin", c.spin[some], context.vec3)
+            self._state = (self.centre, self.rotation, self.velocity, self.spin)
 
     def find(self, margin: float, depenetration: float, radius: wp.array, found: tuple[Any, ...]) -> None:
         """Line 8. found: count, pair, normal, gap, carried and valence of `ContactConstraints`."""
@@ -96,6 +98,47 @@ class ColliderShapes:
         return upload("direct.collider_kind", kind, wp.int32), upload(
             "direct.collider_centre", c.centre, self._context.vec3
         )
+
+    def stop(self, which: int) -> None:
+        """A collider that moves rests."""
+        one = int(np.flatnonzero(self.shapes == which)[0])
+        self.velocity[one : one + 1].zero_()
+        self.spin[one : one + 1].zero_()
+
+    def reset(self) -> None:
+        """Back to where they were at the start, and to how they moved."""
+        c = self._context.model.colliders
+        if self.moving:
+            for array, values in zip(self._state, (c.centre, c.rotation, c.velocity, c.spin), strict=True):
+                array.assign(values[self.shapes])
+
+    def keep_start(self) -> None:
+        """Keep from now on where they are at the start of a frame, so that it can be made again."""
+        if self.moving:
+            allocate, n = self._context.allocate, len(self.shapes)
+            self._start = (
+                allocate("start.shape_centre", n, self._context.vec3),
+                allocate("start.shape_rotation", n, self._context.quat),
+            )
+
+    def begin_frame(self) -> None:
+        for kept, array in zip(self._start, self._state, strict=False):
+            self._context.launch.copy(kept, array)
+
+    def take_over(self, other: ColliderShapes, start: bool) -> None:
+        """Go on from where the same ones of another simulation are, or were at the start of its frame."""
+        if self.moving:
+            theirs = (*other._start, *other._state[2:]) if start else other._state
+            for mine, array in zip(self._state, theirs, strict=True):
+                wp.copy(mine, array)
+
+    def places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where all colliders are now: their origins [m], float64 [collider_count, 3], and quaternions (x, y, z, w)."""
+        c = self._context.model.colliders
+        centre, rotation = c.centre.copy(), c.rotation.copy()
+        if self.moving:
+            centre[self.shapes], rotation[self.shapes] = self.centre.numpy(), self.rotation.numpy()
+        return centre, rotation
 
     def overlaps(self, radius: wp.array, reach: float) -> tuple[np.ndarray, np.ndarray]:
         """How deep each particle is now in the shape in which it is deepest [m], 0: in none, and the number of that
