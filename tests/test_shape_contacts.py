@@ -149,7 +149,7 @@ def test_no_bullet_goes_through(shape, dtype, rng):
 @pytest.mark.parametrize("shape", CLOSED)
 def test_what_begins_inside_leaves_at_a_bounded_speed_and_is_foretold(shape):
     def begin(**settings):
-        return one_particle(CLOSED[shape], (0.41, 0.01, 0.02), radius=0.01, gravity=(0, 0, 0), substeps=4, **settings)
+        return one_particle(CLOSED[shape], (0.35, 0.01, 0.02), radius=0.01, gravity=(0, 0, 0), substeps=4, **settings)
 
     (warning,) = [w for w in begin().check() if w.test == "overlap"]
     assert "particle 0 begins" in warning.text
