@@ -58,3 +58,10 @@ def from_matrix(rows: np.ndarray) -> np.ndarray:
     )
     q = columns[np.argmax(squares)]
     return q / np.linalg.norm(q)
+
+
+def rotation_vector(q: np.ndarray) -> np.ndarray:
+    """Axis times angle [rad], of at most half a turn."""
+    q = -q if q[3] < 0.0 else q
+    sine = float(np.linalg.norm(q[:3]))
+    return q[:3] * (2.0 * np.arctan2(sine, q[3]) / sine) if sine > 0.0 else np.zeros(3)
