@@ -12,6 +12,7 @@ import warp as wp
 
 from pbd_warp.kernels import (
     bdf2,
+    bending,
     bounce,
     collider,
     contact,
@@ -59,11 +60,13 @@ CONTACTS = (
     *(bounce.count_active, bounce.bounce),
 )
 SHAPES = (shape_contact.find_shape_contacts, shape_contact.move_shapes)
+BENDING = (bending.project_bending,)
 MACHINES = {
     "first_order": BASE + FIRST_ORDER,
     "second_order": BASE + SECOND_ORDER,
     "first_order_seldom": BASE + FIRST_ORDER + SELDOM,
     "second_order_seldom": BASE + SECOND_ORDER + SELDOM,
+    "bending": BASE + FIRST_ORDER + SECOND_ORDER + SELDOM + BENDING,
     "contacts": BASE + FIRST_ORDER + CONTACTS,
     "contacts_seldom": BASE + FIRST_ORDER + CONTACTS + SELDOM,
     "shapes": BASE + FIRST_ORDER + CONTACTS + SHAPES,
@@ -123,6 +126,13 @@ class Program:
         self._operations.append((machine.STEP, 0, times, head))
 
     @property
+    def machine(self) -> str | None:
+        """The smallest machine that has all passes, None where none does or there is an obstacle."""
+        used = set(self._arguments)
+        fits = (name for name, passes in MACHINES.items() if used <= set(passes))
+        return next(fits, None) if self.obstacle is None else None
+
+    @property
     def passes(self) -> int:
         """How many are written down."""
         return len(self._operations)
@@ -133,8 +143,8 @@ class Program:
 
     def compile(self, diverged: wp.array) -> Machine:
         """What makes frames of it; `diverged` stops it."""
-        used = set(self._arguments)
-        name = next(name for name, passes in MACHINES.items() if used <= set(passes))
+        name = self.machine
+        assert name is not None
         kernel, structs = load_machine(name, self._real)
         passes = MACHINES[name]
         operations = [
