@@ -65,6 +65,7 @@ def bounce(
     collider_friction: wp.array[Real],  # [collider_count]
     collider_restitution: wp.array[Real],
     resting: Real,  # approach slower than this does not bounce [m/s]
+    dt: Real,  # of the step [s]
     # State:
     x: wp.array[Vec3],
     v: wp.array[Vec3],
@@ -73,6 +74,7 @@ def bounce(
     count: wp.array[wp.int32],
     pair: wp.array[wp.vec2i],
     normal: wp.array[Vec3],
+    carried: wp.array[Vec3],  # [capacity] displacement of a collider where it is touched [m], or None: none moves
     lam: wp.array[Real],
     v_before: wp.array[Vec3],  # [particle_count] after line 5 [m/s]
     valence: wp.array[wp.int32],  # [particle_count] contacts that pushed
@@ -100,6 +102,9 @@ def bounce(
             n = wp.normalize(x[i] - x[j])
     else:
         e = collider_restitution[-1 - j]
+        if carried:
+            relative = relative - carried[k] / dt
+            before = before - carried[k] / dt
     mu = friction_of(j, friction, collider_friction)
     impulse = change_of_impact(relative, before, n, e, mu, resting) / weight
     wp.atomic_add(dv, i, w_i * impulse)

@@ -10,16 +10,18 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.capsule import meet
-from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.kernels.contact import limit_overlap
 from pbd_warp.kernels.precision import Real, Vec3, Vec4, kernel
+from pbd_warp.kernels.shapes import SPHERE
 
 
 @kernel
 def find_link_collider_contacts(
     # Model:
-    kind: wp.array[wp.int32],  # [collider_count]
+    number: wp.array[wp.int32],  # [collider_count] among all colliders
+    kind: wp.array[wp.int32],  # [collider_count] PLANE or SPHERE
     centre: wp.array[Vec3],  # [collider_count] [m]
+    plane_normal: wp.array[Vec3],  # [collider_count]
     size: wp.array[Real],  # [collider_count] a sphere's radius [m]
     link: wp.array[wp.vec2i],  # [link_count]
     radius: wp.array[Real],  # [particle_count] [m]
@@ -66,7 +68,7 @@ def find_link_collider_contacts(
                 k = wp.atomic_add(count, 0, 1)
                 if k < pair.shape[0]:
                     rest = radius[i] + s * (radius[j] - radius[i]) + size[c]
-                    pair[k] = wp.vec2i(e, -1 - c)
+                    pair[k] = wp.vec2i(e, -1 - number[c])
                     member[k] = wp.vec4i(i, j, -1, -1)
                     weight[k] = Vec4(Real(1.0) - s, s, Real(0.0), Real(0.0))
                     normal[k] = n

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd_warp.forces import Forces
-from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.constraints.link_contact import capsules
 from pbd_warp.step.divergence import STRETCHED
@@ -102,7 +101,7 @@ def _measure(sim: Simulation) -> CopyMeasures:
     kinetic = total(0.5 * m * np.sum(v * v, axis=1))
     stretch = np.divide(c, edges.rest_length, out=np.zeros_like(c), where=edges.rest_length > 0.0)
     overlap = np.maximum(_pair_overlap(sim, x), _link_overlap(sim, x))
-    overlap = np.maximum(overlap, largest(_collider_overlap(sim, x)))
+    overlap = np.maximum(overlap, largest(np.where(model.w > 0.0, sim.collider_overlaps[0], 0.0)))
     rigid = largest(np.where(edges.compliance == 0.0, c, 0.0))
     rigid_points = largest(np.where(points.compliance == 0.0, c_point, 0.0))
     elastic = total(_elastic(c, edges.compliance)) + total(_elastic(c_point, points.compliance))
@@ -178,15 +177,3 @@ def _nearest(point: np.ndarray, start: np.ndarray, along: np.ndarray) -> np.ndar
     size = np.sum(along**2, axis=1)
     there = np.sum((point - start) * along, axis=1)
     return np.clip(np.divide(there, size, out=np.zeros(len(size)), where=size > 0.0), 0.0, 1.0)
-
-
-def _collider_overlap(sim: Simulation, x: np.ndarray) -> np.ndarray:
-    """Deepest of each particle."""
-    model = sim.model
-    deepest = np.zeros(model.particle_count)
-    c = model.colliders
-    for kind, centre, normal, size in zip(c.kind, c.centre, c.normal, c.size, strict=True):
-        away = x - centre
-        surface = np.linalg.norm(away, axis=1) - size if kind == SPHERE else away @ normal
-        deepest = np.maximum(deepest, np.where(model.w > 0.0, model.radius - surface, 0.0))
-    return deepest

@@ -15,6 +15,7 @@ from pbd_warp.kernels.link_search import find_close_link_contacts, find_link_con
 from pbd_warp.kernels.link_sides import remember_contacts
 from pbd_warp.model.along import close_along
 from pbd_warp.model.model import Model
+from pbd_warp.step.colliders import ColliderShapes
 from pbd_warp.step.context import Context
 
 MARGIN = 0.25
@@ -33,7 +34,7 @@ class LinkContacts:
         friction, restitution: Of links with each other.
         depenetration: Overlap that a step takes back at most [m]; negative: all of it.
         resting: An approach slower than this does not bounce [m/s].
-        colliders: Device arrays of kind, centre and size, and of friction and restitution.
+        colliders: Those at rest that are round are looked at along the link, too.
     """
 
     def __init__(
@@ -43,7 +44,7 @@ class LinkContacts:
         radius: wp.array,
         depenetration: float,
         resting: float,
-        colliders: tuple[tuple[wp.array, ...], tuple[wp.array, wp.array]],
+        colliders: ColliderShapes,
         has_friction: bool,
     ):
         self._context = context
@@ -51,7 +52,7 @@ class LinkContacts:
         assert model.contacts
         self.friction, self.restitution = model.contacts.friction, model.contacts.restitution
         self.capacity, self._radius, self._depenetration, self._resting = capacity, radius, depenetration, resting
-        (self._shapes, (self._collider_friction, self._collider_restitution)) = colliders
+        self._colliders = colliders
         self.ends, length = capsules(model)
         links = len(self.ends)
         thickness = model.radius[self.ends].max(axis=1)
@@ -125,8 +126,8 @@ class LinkContacts:
                 *(self.grid.id, *how, *self._left_out, self._last, x, w, u, *before),
                 *(self._middle, self._extent, self._half_box, *self.found, valence),
             )
-        if len(self._shapes[0]):
-            launch(find_link_collider_contacts, links, *self._shapes, *how, x, w, u, *self.found, valence)
+        if self._colliders.plain:
+            launch(find_link_collider_contacts, links, *self._colliders.plain, *how, x, w, u, *self.found, valence)
 
     def begin(self) -> None:
         self._context.launch.zero(self.lam)
@@ -146,7 +147,7 @@ class LinkContacts:
         context.launch(
             project_link_contact,
             self.capacity,
-            *(self.friction, self._collider_friction, context.w, *self.found, u, valence, relaxation),
+            *(self.friction, self._colliders.friction, context.w, *self.found, u, valence, relaxation),
             *(self.lam, self.lam_friction, residual, correction),
         )
 
@@ -160,7 +161,7 @@ class LinkContacts:
         context.launch(
             bounce_links,
             self.capacity,
-            *(self.friction, self.restitution, self._collider_friction, self._collider_restitution, self._resting),
+            *(self.friction, self.restitution, self._colliders.friction, self._colliders.restitution, self._resting),
             *(context.state.v, context.w),
             *(self.count, self.pair, self.member, self.weight, self.normal, self.lam, v_before, active),
             dv,

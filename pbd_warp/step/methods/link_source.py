@@ -30,7 +30,7 @@ class LinkSource:
         context.launch(
             link_pairs.list_links,
             self.capacity,
-            *(found.link, self._contacts.radius, found.friction, self._contacts.collider_friction, context.state.x),
+            *(found.link, self._contacts.radius, found.friction, self._contacts.colliders.friction, context.state.x),
             *(*found.found, stage.lam_scale, self._round_off, memory, self._pairs, contacts),
         )
 
