@@ -38,6 +38,7 @@ class ColliderShapes:
         self.shapes = np.flatnonzero(~plain)
         self.moving = bool(np.any(c.moves))
         self._start: tuple[wp.array, ...] = ()
+        self._state: tuple[wp.array, ...] = ()
         if plain.any():
             some = np.flatnonzero(plain)
             self.plain = (
