@@ -20,8 +20,8 @@ HALF = np.array(
         *((1.5, 2.5, -0.3), (2.6, 2.1, 0.48), (3.1, 1, 0.8)),
     ]
 )
-"""The square knot's rope that comes from the left, up to where it turns back: the way back is its image below y = 0, the
-other rope is the same, turned half around about y."""
+"""The square knot's rope that comes from the left, up to where it turns back: the way back is its image below y = 0,
+the other rope is the same, turned half around about y."""
 
 
 def scene(square: bool = False, friction: float = 0.3, load: float = 0.2) -> pbd.Scene:
