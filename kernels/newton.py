@@ -105,6 +105,7 @@ def solve_pieces(
     u: wp.array[Vec3],  # [particle_count] [m]
     iterations_used: wp.array[wp.int32],  # [1] of all pieces and steps of the frame
     unconverged: wp.array[wp.int32],  # [1] pieces and steps that did not reach the tolerance
+    missed: wp.array[wp.int32],  # [piece_count] the same by piece
 ):
     """Lines 9-11; one thread a piece."""
     piece = wp.tid()
@@ -241,3 +242,4 @@ def solve_pieces(
     wp.atomic_add(iterations_used, 0, used)
     if not (error <= accepted):
         wp.atomic_add(unconverged, 0, 1)
+        missed[piece] = missed[piece] + 1

@@ -255,7 +255,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         if mine.point_target is not None:
             wp.copy(mine.point_target, theirs.point_target)
         if self._loop.counters is not None and other._loop.counters is not None:
-            wp.copy(self._loop.counters, other._loop.counters)
+            wp.copy(self._loop.counters, other._loop.counters, count=2)
         self._moved.take_over(other._moved)
         self.frame, self.failures = other.frame, dict(other.failures)
         self._loop.restart()

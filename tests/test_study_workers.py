@@ -111,9 +111,9 @@ def test_what_kills_its_worker_three_times_is_given_up_and_nothing_else(cluster)
     assert found == {k: Lost(3) if k == 3 else 10 * k for k in range(8)}
 
 
-def test_a_row_that_kills_is_a_lost_row(own, cluster):
+def test_a_row_that_kills_is_a_failed_row(own, cluster):
     rows = pbd.study(own, {"kill": [False, True]}, scheduler=address(cluster))
-    assert rows["outcome"].to_list() == ["finished", "lost"]
+    assert rows["outcome"].to_list() == ["finished", "failed"]
     assert rows["sentence"][1] == "it has killed its worker 3 times"
 
 
@@ -231,6 +231,13 @@ def test_command(own, cluster, call):
         code, _, err = call("study", "plot", "s.parquet", "--x", "mass", *args)
         assert code == 2
         assert all(part in err for part in message.split(".*")), err
+
+
+def test_command_tells_what_the_first_row_that_is_not_finished_says(own, cluster, call):
+    args = ["--set", "mass=1,-1,-2", "--scheduler", address(cluster), "--out", "s.parquet"]
+    code, out, err = call("study", own, *args)
+    assert (code, out) == (0, "3 rows (1 finished, 2 refused): s.parquet\n")
+    assert "row 1, the first that is not finished: scene own.py: mass" in err
 
 
 @pytest.mark.parametrize(

@@ -123,7 +123,8 @@ class DirectSolver:
         self._accepted = ACCEPTED[model.dtype] / TOLERANCE[model.dtype]
         if method.tolerance is not None:
             self._tolerance, self._relative, self._accepted = method.tolerance, 0.0, 1.0
-        self.counters = context.allocate("direct.counters", 2, wp.int32)
+        self.counters = context.allocate("direct.counters", 2 + len(s.piece_first), wp.int32)
+        self.missed = self.counters[2:]  # what did not converge, by piece
 
     def _bind_links(self, edges: DistanceSet, s: Schedule) -> None:
         context, model = self._context, self._context.model
@@ -251,7 +252,7 @@ class DirectSolver:
             *(self._base, stage.compliance_scale, stage.mean_gradient, first, stage.lam_scale, REACH),
             *(method.iterations, self._tolerance, self._relative, self._accepted),
             *(self._matrix, self._particles, self._links, self._points, self._touching),
-            *(context.u, self.counters[0:1], self.counters[1:2]),
+            *(context.u, self.counters[0:1], self.counters[1:2], self.missed),
         )
 
     def _list_contacts(self, stage: Stage, contacts: ContactConstraints) -> None:
