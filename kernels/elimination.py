@@ -64,6 +64,14 @@ def forward_tile(F: wp.mat33d, A: wp.mat33d):
 
 
 @wp.func
+def back_tile(F: wp.mat33d, Y: wp.mat33d):
+    """u^-1 Y"""
+    z2 = F[2, 2] * Y[2]
+    z1 = F[1, 1] * (Y[1] - F[1, 2] * z2)
+    return wp.matrix_from_rows(F[0, 0] * (Y[0] - F[0, 1] * z1 - F[0, 2] * z2), z1, z2)
+
+
+@wp.func
 def divide_tile(A: wp.mat33d, F: wp.mat33d):
     """A u^-1"""
     c0 = F[0, 0] * wp.vec3d(A[0, 0], A[1, 0], A[2, 0])

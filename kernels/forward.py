@@ -150,6 +150,8 @@ def forward_pass(
                 inertia = inertia + stiffness
                 z = z + pull
             A = A + inertia * identity
+            if m.swap:
+                m.swap[t] = identity
             if c.head:
                 M, force, sliding = contact_rows(t, s.particle[t], p, c, touch, lagging)
                 A = A + M
@@ -170,6 +172,8 @@ def forward_pass(
                 P = pivot(A)
                 A = P * A
                 z = P * z
+                if m.swap:
+                    m.swap[t] = P
                 for k in range(s.column_first[t], s.column_first[t + 1]):
                     m.up[k] = P * m.up[k]
             factors = factor_tile(A)

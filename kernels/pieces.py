@@ -33,6 +33,7 @@ class Matrix:
     low: wp.array[wp.mat33d]  # [slot_count] below the diagonal
     up: wp.array[wp.mat33d]  # [slot_count] above it
     b: wp.array[wp.vec3d]  # [tile_count] right side, then the solution du; zero between steps
+    swap: wp.array[wp.mat33d]  # [tile_count] permutation of a tile's rows, or None: nobody asks
     where: wp.array[wp.int32]  # [tile_count] place of a row in the column in hand
 
 
@@ -49,6 +50,7 @@ class Particles:
     shift: wp.array[wp.vec3d]  # [tile_count] what constraints moved in the step before, and now [m]
     gives: wp.array[wp.int32]  # [piece_count] steps until links that had to give are tried as rigid ones
     strain: wp.array[wp.float64]  # [piece_count] how far they gave, over their length
+    missed: wp.array[wp.int32]  # [piece_count] solutions so far that did not converge
 
 
 @wp.struct
@@ -67,6 +69,21 @@ class Links:
     row: wp.array[wp.vec4d]  # [link_count] from link_row to link_step
     lam: wp.array[wp.float64]  # [link_count] [kg m], negative where it pulls
     vector_lam: wp.array[wp.vec3d]  # [link_count] of links without length, or None: there are none
+
+
+@wp.struct
+class Progress:
+    """Of Newton's method on one piece."""
+
+    used: wp.int32  # iterations
+    began: wp.int32  # the one in which rigid or elastic links were chosen
+    rigid: wp.bool
+    polishing: wp.bool  # rigid again, from where elastic links converged
+    done: wp.bool
+    error: wp.float64  # what is left over what is tolerated
+    gave: wp.float64  # how far a link gives over its length
+    widest: wp.float64  # how far the ends of a link moved apart in the last iteration, over its length
+    touch: wp.float64  # of a particle's inverse mass: what its contacts give
 
 
 @wp.struct

@@ -263,17 +263,3 @@ def note_contacts(
         if curvature > wp.float64(0.0):
             n = wp.normalize(c.start[k] + wp.float64(0.5) * move)
             normal[k] = Vec3(Real(n[0]), Real(n[1]), Real(n[2]))
-
-
-@kernel
-def add_corrections_to_both(
-    # Out:
-    correction: wp.array[Vec3],  # [particle_count] taken and set to zero
-    base: wp.array[Vec3],  # [particle_count] added to
-    u: wp.array[Vec3],  # [particle_count] added to
-):
-    """What contacts do between two solutions: it moves the particles, and is no force of the paths."""
-    i = wp.tid()
-    base[i] = base[i] + correction[i]
-    u[i] = u[i] + correction[i]
-    correction[i] = Vec3()

@@ -17,24 +17,33 @@ Failure = tuple[str, int]
 ("copies", 0): of which copies and what, the loop knows."""
 
 
-def failed(when: str, now: Snapshot, failure: Failure, tried: str = "") -> SimulationFailed:
+def failed(
+    when: str, now: Snapshot, failure: Failure, tried: str = "", missed: np.ndarray | None = None
+) -> SimulationFailed:
     """The error about a frame that has just been made.
 
     Args:
         when: Which frame it is.
         tried: What was tried to save it.
+        missed: Of each particle, solutions of its piece that did not converge, int [particle_count].
     """
     kind, number = failure
+    if kind == "contacts" and number < 0:
+        what = f"{when}: contacts touch {-number} particles of one connected piece, more than 'direct' couples"
+        return SimulationFailed(what, remedy="use method 'gauss-seidel', or sample what touches more coarsely")
     if kind == "contacts":
         room = room_for_contacts(now.model.particle_count, now.settings.max_contacts)
         what = f"{when}: {number} contacts, but there is room for {room}"
         return SimulationFailed(what, remedy=f"give Simulation or Scene max_contacts={2 * number} or more")
     where = "; ".join(text for text in (f"with {now.settings}", _worst_constraint(now)) if text)
     remedy = "; ".join(text for text in (nearest_remedy(now) or _remedy(now, kind), tried) if text)
-    return SimulationFailed(f"{when}: {_finding(now, failure)}", where=where, remedy=remedy)
+    what = f"{when}: {_finding(now, failure)}"
+    if kind == "newton" and missed is not None and np.any((missed < missed.max()) & (now.w > 0.0)):
+        what += f", most often of what is joined to particle {np.argmax(missed)}"
+    return SimulationFailed(what, where=where, remedy=remedy)
 
 
-def failed_copies(when: str, now: Snapshot, failures: Mapping[int, Failure]) -> dict[int, str]:
+def failed_copies(when: str, now: Snapshot, failures: Mapping[int, Failure], missed: np.ndarray) -> dict[int, str]:
     """One sentence about each copy that has failed, as if it were alone; its particles are numbered from 0."""
 
     def part(values: np.ndarray, k: int) -> np.ndarray:
@@ -45,7 +54,7 @@ def failed_copies(when: str, now: Snapshot, failures: Mapping[int, Failure]) -> 
         x, v, w, target = (part(values, k) for values in (now.x, now.v, now.w, now.point_target))
         return Snapshot(copy_of(now.model, k), now.settings, x, v, w, target)
 
-    return {k: str(failed(when, alone(k), failure)) for k, failure in failures.items()}
+    return {k: str(failed(when, alone(k), failure, missed=part(missed, k))) for k, failure in failures.items()}
 
 
 def _remedy(now: Snapshot, kind: str) -> str:

@@ -54,7 +54,7 @@ class CopyMonitor:
 
     def find(self, solver: DirectSolver | None) -> dict[int, tuple[str, int]]:
         """What is wrong with each copy that has failed in the frame, in its own particles and edges; then all is
-        forgotten. solver: Its solutions have to converge."""
+        forgotten. solver: Its solutions have to converge; copies in which one has not are told from then on."""
         found = self.found.numpy().copy()
         self.restart()
         first = np.argmax(found != NOTHING, axis=1)
@@ -66,10 +66,10 @@ class CopyMonitor:
         }
 
     def _missed(self, solver: DirectSolver) -> np.ndarray:
-        """How many solutions of each copy did not converge, int [copy_count]."""
+        """How many solutions of each copy have not converged so far, int [copy_count]."""
         model, s = self._context.model, solver.schedule
-        copy = s.particle[s.piece_first[:-1]] // model.copy_size
-        return np.bincount(copy, solver.missed.numpy()[: len(copy)], model.copy_count).astype(int)
+        one_a_piece = s.particle[s.piece_first[:-1]]
+        return np.bincount(one_a_piece // model.copy_size, solver.missed()[one_a_piece], model.copy_count).astype(int)
 
     def lay_to_rest(self, copies: list[int]) -> None:
         """Put these copies back to where they began, fixed: they take no more part, and stay finite."""

@@ -12,14 +12,15 @@ import warp as wp
 from pbd_warp.errors import InputError
 from pbd_warp.kernels import pieces
 from pbd_warp.kernels.newton import solve_pieces
-from pbd_warp.kernels.touch import add_corrections_to_both, forget_contacts, list_contacts, note_contacts
 from pbd_warp.model.constraints import DistanceSet, PointSet
 from pbd_warp.model.model import Model
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.constraints.distance import LimitedLengths
 from pbd_warp.step.context import Context, Stage
+from pbd_warp.step.methods.coupling import Coupling, PairSource, System, Tolerance
 from pbd_warp.step.methods.iteration import check_iterations
 from pbd_warp.step.methods.schedule import Schedule, schedule
+from pbd_warp.step.methods.touches import Touches
 
 TOLERANCE = {"float32": 1e-10, "float64": 4e-15}
 """What is left of a length over its rest length, and of the balance over the forces, by default: round-off of what a
@@ -38,9 +39,6 @@ ELASTIC = 1e-12
 SOFTEST = 0.2
 """How much of a particle's inertia the negative stiffness of its links that push may take away. Tried on straight ropes
 that are pushed together: 0 converges linearly, often too slowly; from 0.3 on it finds solutions of far more energy."""
-
-ROUNDS = 10
-"""Of contacts between particles that both move: a Jacobi sweep over them and a Newton solution each."""
 
 REACH = 0.5
 """How far a link's ends may move apart in one iteration, over the mean length of the piece's links: beyond, directions
@@ -87,7 +85,7 @@ class DirectSolver:
     """Lines 9-11 on one model."""
 
     def __init__(self, method: Direct, context: Context, contacts: ContactConstraints | None):
-        self._context, self._contacts, self._method = context, contacts, method
+        self._context = context
         model = context.model
         if np.any(model.distance.stiffness < 1.0) or np.any(model.point.stiffness < 1.0):
             raise InputError("method 'direct' solves exactly: soften with compliance instead of a stiffness below 1")
@@ -113,18 +111,21 @@ class DirectSolver:
         self._point_compliance = None
         if len(points):
             self._bind_points(points, s)
-        self._touching = pieces.Touching()
-        if contacts:
-            self._bind_contacts(contacts)
+        self._touches = Touches(context, contacts) if contacts else None
+        touching = self._touches.contacts if self._touches else pieces.Touching()
+        self._system = System(
+            *(self._device_schedule, self._matrix, self._particles, self._links, self._points, touching)
+        )
+        self._coupling: Coupling | None = None
+        if contacts and contacts.pairs:
+            self._coupling = Coupling(context, [PairSource(context, contacts)], s, self._system)
         self._base = context.allocate("direct.base", model.particle_count, context.vec3)
         self._force_scale = context.allocate("direct.force_scale", 1, context.real)
-        self._round_off = float(np.finfo(model.dtype).eps)
-        self._tolerance, self._relative = 0.0, TOLERANCE[model.dtype]
-        self._accepted = ACCEPTED[model.dtype] / TOLERANCE[model.dtype]
+        relative = TOLERANCE[model.dtype]
+        self._until = Tolerance(method.iterations, 0.0, relative, ACCEPTED[model.dtype] / relative)
         if method.tolerance is not None:
-            self._tolerance, self._relative, self._accepted = method.tolerance, 0.0, 1.0
-        self.counters = context.allocate("direct.counters", 2 + len(s.piece_first), wp.int32)
-        self.missed = self.counters[2:]  # what did not converge, by piece
+            self._until = Tolerance(method.iterations, method.tolerance, 0.0, 1.0)
+        self.counters = context.allocate("direct.counters", 2, wp.int32)
 
     def _bind_links(self, edges: DistanceSet, s: Schedule) -> None:
         context, model = self._context, self._context.model
@@ -168,6 +169,7 @@ class DirectSolver:
                 (p, "move", tiles, wp.vec3d),
             ),
             *((p, "shift", tiles, wp.vec3d), (p, "gives", count, wp.int32), (p, "strain", count, wp.float64)),
+            (p, "missed", count, wp.int32),
             *(
                 (links, "firm", len(edge), wp.float64),
                 (links, "steadies", len(edge), wp.float64),
@@ -202,79 +204,52 @@ class DirectSolver:
         if np.any(points.compliance > 0.0):
             self._point_compliance = context.upload("direct.point_compliance", points.compliance)
 
-    def _bind_contacts(self, contacts: ContactConstraints) -> None:
-        context, c, room = self._context, self._touching, contacts.capacity
-        count = context.model.particle_count
-        for name, size, dtype in (
-            *(("head", count, wp.int32), ("following", room, wp.int32), ("side", room, wp.vec3d)),
-            *(("start", room, wp.vec3d), ("led", room, wp.vec3d), ("surface", room, wp.vec4d)),
-            *(("lam", room, wp.float64), ("grip", room, wp.vec3d), ("status", room, wp.int32)),
-        ):
-            setattr(c, name, context.allocate(f"direct.contact_{name}", size, dtype))
-        self._memory = context.allocate("direct.contact_memory", count * len(contacts.kind), wp.vec3d)
-        self._correction = context.allocate("direct.correction", count, context.vec3)
-
     def restart(self) -> None:
         """Forget the multipliers, which a step takes from the one before as a first guess."""
         for array in (self._links.lam, self._links.vector_lam, self._points.lam, self._particles.shift):
             if array:
                 array.zero_()
         self._particles.gives.zero_()
-        if self._contacts:
-            self._memory.zero_()
+        self._particles.missed.zero_()
+        for part in (self._touches, self._coupling):
+            if part:
+                part.restart()
 
     def solve(self, stage: Stage) -> None:
-        context, contacts = self._context, self._contacts
+        context, touches = self._context, self._touches
         context.launch.copy(self._base, context.u)
         context.launch.copy(self._force_scale, stage.compliance_scale)
         self._lengths.begin(stage)
-        if not contacts:
-            self._newton(stage, True)
-            return
-        contacts.begin(stage)
-        self._list_contacts(stage, contacts)
-        self._newton(stage, True)
-        if contacts.pairs:
-            for _ in range(ROUNDS):
-                contacts.project(stage, context.u, contacts.valence, 1.0, None, self._correction)
-                context.launch(add_corrections_to_both, len(context.u), self._correction, self._base, context.u)
-                self._newton(stage, False)
-        self._note_contacts(contacts)
-
-    def _newton(self, stage: Stage, first: bool) -> None:
-        context, method = self._context, self._method
+        if touches:
+            touches.begin(stage)
+        model = (
+            *(self._lengths.now, self._compliance, context.point_target, self._point_compliance),
+            *(context.state.x, context.w),
+        )
+        coupling, until = self._coupling, self._until
+        if coupling:
+            coupling.begin(stage)
         context.launch(
             solve_pieces,
             len(self.schedule.piece_first) - 1,
-            *(self._device_schedule, self._lengths.now, self._compliance),
-            *(context.point_target, self._point_compliance),
-            *(context.state.x, context.w),
-            *(self._base, stage.compliance_scale, stage.mean_gradient, first, stage.lam_scale, REACH),
-            *(method.iterations, self._tolerance, self._relative, self._accepted),
-            *(self._matrix, self._particles, self._links, self._points, self._touching),
-            *(context.u, self.counters[0:1], self.counters[1:2], self.missed),
+            *(self._device_schedule, *model),
+            *(self._base, stage.compliance_scale, stage.mean_gradient, stage.lam_scale, REACH),
+            *(until.iterations, until.length, until.relative, until.accepted),
+            *(coupling.coupled if coupling else None, *self._system.parts),
+            *(context.u, self.counters[0:1], self.counters[1:2]),
         )
+        if coupling:
+            coupling.solve(stage, model, self._base, REACH, until, self.counters)
+        if touches:
+            touches.note()
 
-    def _list_contacts(self, stage: Stage, contacts: ContactConstraints) -> None:
-        context = self._context
-        context.launch(forget_contacts, context.model.particle_count, self._touching.head)
-        context.launch(
-            list_contacts,
-            contacts.capacity,
-            *(contacts.kind, contacts.centre, contacts.friction, contacts.collider_friction),
-            *(context.state.x, context.w, *contacts.found, contacts.radius, context.u),
-            *(self._memory, stage.lam_scale, self._round_off, self._touching),
-        )
-
-    def _note_contacts(self, contacts: ContactConstraints) -> None:
-        context = self._context
-        context.launch.zero(self._memory)
-        context.launch(
-            note_contacts,
-            contacts.capacity,
-            *(contacts.count, contacts.pair, self._touching, context.u),
-            *(contacts.lam, contacts.normal, len(contacts.kind), self._memory),
-        )
+    def missed(self) -> np.ndarray:
+        """How many solutions did not converge since the last restart, of the piece that a particle belongs to, int
+        [particle_count]; 0 of fixed ones."""
+        s = self.schedule
+        out = np.zeros(self._context.model.particle_count, int)
+        out[s.particle] = np.repeat(self._particles.missed.numpy(), np.diff(s.piece_first))
+        return out
 
     def tension(self) -> np.ndarray:
         """Force along each distance in the last step [N], pull positive, float64 [edge_count]; 0 between fixed
@@ -290,11 +265,13 @@ class DirectSolver:
         return self._points.lam.numpy() * self._newtons() if self._points.first else np.zeros((0, 3))
 
     def contact_force(self) -> np.ndarray:
-        """Force of colliders on each particle in the last step, friction included [N], float64 [particle_count, 3]."""
-        if not self._contacts:
-            return np.zeros((self._context.model.particle_count, 3))
-        forces = self._memory.numpy().reshape(self._context.model.particle_count, -1, 3)
-        return forces.sum(axis=1) * self._newtons()
+        """Force of contacts on each particle in the last step, friction included [N], float64 [particle_count, 3]."""
+        force = np.zeros((self._context.model.particle_count, 3))
+        if self._touches:
+            force += self._touches.force()
+        if self._coupling:
+            self._coupling.add_forces(force)
+        return force * self._newtons()
 
     def _newtons(self) -> float:
         return float(self._force_scale.numpy()[0])
