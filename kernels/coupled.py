@@ -16,11 +16,12 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.back import back_pass
+from pbd_warp.kernels.bending_row import begin_bends, bending_steps
+from pbd_warp.kernels.eliminate import eliminate_piece
 from pbd_warp.kernels.elimination import back, back_tile, forward, forward_tile
-from pbd_warp.kernels.forward import forward_pass
 from pbd_warp.kernels.link_row import SHORT
 from pbd_warp.kernels.newton import SLACK
-from pbd_warp.kernels.pieces import Links, Matrix, Particles, Points, Progress, Schedule, Touching
+from pbd_warp.kernels.pieces import Bends, Links, Matrix, Particles, Points, Progress, Schedule, Touching
 from pbd_warp.kernels.ports import Ports
 from pbd_warp.kernels.precision import Real, Vec3, kernel
 from pbd_warp.kernels.progress import LAG, begin_piece, end_piece, first_progress, judge_piece
@@ -47,6 +48,7 @@ def begin_pieces(
     p: Particles,
     links: Links,
     points: Points,
+    bends: Bends,
     u: wp.array[Vec3],
     progress: wp.array[Progress],  # [piece_count]
 ):
@@ -57,6 +59,8 @@ def begin_pieces(
             piece, s, rest_length, compliance, target, point_compliance, x, w, base,
             wp.float64(compliance_scale[0]), False, lam_scale, p, links, points, u,
         )  # fmt: skip
+        if bends.first:
+            begin_bends(piece, bends, x, u, wp.float64(compliance_scale[0]))
         progress[piece] = first_progress(p.gives[piece] == 0)
 
 
@@ -87,6 +91,7 @@ def eliminate_pieces(
     links: Links,
     points: Points,
     c: Touching,
+    bends: Bends,
     ports: Ports,
     progress: wp.array[Progress],
 ):
@@ -102,7 +107,7 @@ def eliminate_pieces(
     end = s.piece_first[piece + 1]
     number = ports.count[piece]
     short = wp.float64(SHORT) * p.mean_length[piece]
-    forward_pass(begin, end, s, m, p, links, points, c, g.rigid, False, short, g.touch, lagging)
+    eliminate_piece(piece, begin, end, s, m, p, links, points, c, bends, g.rigid, False, short, g.touch, lagging)
     for o in range(end - begin):
         t = end - 1 - o
         z = m.b[t]
@@ -150,6 +155,7 @@ def step_pieces(
     links: Links,
     points: Points,
     c: Touching,
+    bends: Bends,
     ports: Ports,
     progress: wp.array[Progress],
 ):
@@ -178,6 +184,8 @@ def step_pieces(
         begin, end, s, m, p, links, points, c, g.rigid, False, g.touch, lagging, p.mean_length[piece],
         tolerance, relative, wp.float64(SLACK) * relative,
     )  # fmt: skip
+    if bends.first:
+        left = wp.max(left, bending_steps(piece, m, p, bends, tolerance, relative))
     progress[piece] = judge_piece(g, piece, begin, end, m, p, reach, lagging, left, widest, given, switched, True)
 
 
