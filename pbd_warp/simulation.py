@@ -111,11 +111,10 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self._loop.restart()
 
     def go_back(self, frame: int, x: np.ndarray, v: np.ndarray, collider_motion: np.ndarray) -> None:
-        """To a frame that was: `positions`, `velocities` and `collider_motion` then. Go on with `continue_with`."""
+        """To `positions`, `velocities` and `collider_motion` of a frame that was. Go on with `continue_with`."""
         self.frame = frame
         self._context.put(x, v)
-        if self._loop.shapes:
-            self._loop.shapes.put(collider_motion)
+        self._moved.put_colliders(collider_motion)
 
     def like(self, settings: Settings | None = None, **changes: Any) -> Simulation:
         """Another simulation of the same model, in its initial state, with other settings."""
@@ -235,7 +234,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         Args:
             which: Its number, of one that `ModelBuilder.let_collider_move` lets move.
             position: Of its origin [m], [3]: a plane's point, a mesh's origin, the middle of everything else.
-            rotation: From how it was added: axis times angle [rad], [3]; by less than half a turn a frame.
+            rotation: From how it was added, axis times angle [rad]; by less than half a turn a frame.
         """
         self._moved.move_collider(self.frame, which, position, rotation)
 
