@@ -19,11 +19,10 @@ from pbd_warp.kernels.back import back_pass
 from pbd_warp.kernels.elimination import back, back_tile, forward, forward_tile
 from pbd_warp.kernels.forward import forward_pass
 from pbd_warp.kernels.link_row import SHORT
-from pbd_warp.kernels.newton import SLACK
 from pbd_warp.kernels.pieces import Links, Matrix, Particles, Points, Progress, Schedule, Touching
 from pbd_warp.kernels.ports import Ports
 from pbd_warp.kernels.precision import Real, Vec3, kernel
-from pbd_warp.kernels.progress import LAG, begin_piece, end_piece, first_progress, judge_piece
+from pbd_warp.kernels.progress import LAG, begin_piece, end_piece, find_stiffness, first_progress, judge_piece
 from pbd_warp.kernels.weighted import Contacts
 
 
@@ -102,6 +101,7 @@ def eliminate_pieces(
     end = s.piece_first[piece + 1]
     number = ports.count[piece]
     short = wp.float64(SHORT) * p.mean_length[piece]
+    find_stiffness(begin, end, s, p, links)
     forward_pass(begin, end, s, m, p, links, points, c, g.rigid, False, short, g.touch, lagging)
     for o in range(end - begin):
         t = end - 1 - o
@@ -144,6 +144,7 @@ def step_pieces(
     reach: wp.float64,
     tolerance: wp.float64,
     relative: wp.float64,
+    close: wp.float64,
     # Scratch and out:
     m: Matrix,
     p: Particles,
@@ -174,11 +175,13 @@ def step_pieces(
         z = forward(m.F[t], m.swap[t] * z)
         ports.y[t] = z
         m.b[t] = m.b[t] + z
-    left, widest, given, switched, touches = back_pass(
+    left, contact, widest, given, switched, touches = back_pass(
         begin, end, s, m, p, links, points, c, g.rigid, False, g.touch, lagging, p.mean_length[piece],
-        tolerance, relative, wp.float64(SLACK) * relative,
+        tolerance, relative, close,
     )  # fmt: skip
-    progress[piece] = judge_piece(g, piece, begin, end, m, p, reach, lagging, left, widest, given, switched, True)
+    progress[piece] = judge_piece(
+        g, piece, begin, end, m, p, c.firmest, reach, lagging, left, contact, widest, given, switched, True
+    )
 
 
 @kernel
@@ -215,6 +218,8 @@ def end_pieces(
     if ports.coupled[piece] == 1:
         begin = s.piece_first[piece]
         end = s.piece_first[piece + 1]
-        end_piece(pieces[piece], begin, end, s, p, links, False, accepted, u, iterations_used, unconverged)
+        end_piece(
+            pieces[piece], begin, end, s, p, links, False, accepted, accepted_contact, u, iterations_used, unconverged
+        )
     if piece == 0 and not (progress[1] <= accepted_contact):
         wp.atomic_add(unconverged, 0, 1)

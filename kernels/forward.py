@@ -35,7 +35,7 @@ def contact_rows(t: wp.int32, i: wp.int32, p: Particles, c: Touching, touch: wp.
     M = wp.mat33d()
     force = wp.vec3d()
     slides = bool(False)
-    inertia = wp.float64(1.0) / p.weight[t]
+    inertia = p.stiffness[t]
     k = c.head[i]
     while k >= 0:
         gap, n, curvature = gap_now(p.move[t], c.side[k], c.start[k], c.led[k], c.surface[k])

@@ -26,7 +26,7 @@ SLIDES = wp.constant(2)
 NONE = wp.constant(-1)
 
 CURVED = wp.constant(0.2)
-"""Of a particle's inertia: the negative stiffness that the curvature of a surface may have."""
+"""Of a particle's stiffness: the negative stiffness that the curvature of a surface may have."""
 
 
 @wp.func
@@ -187,7 +187,7 @@ def contact_step(
     mu: wp.float64,
     e: wp.float64,
     weight: wp.float64,
-    curved: wp.float64,
+    softest: wp.float64,
     lagging: wp.bool,
     scale: wp.float64,
     tolerance: wp.float64,
@@ -196,11 +196,12 @@ def contact_step(
     """After a step: status, lam and friction, and what is left of gap and balance over what is tolerated."""
     zero = wp.float64(0.0)
     push = lam - (c + wp.dot(n, du)) * e
-    if push <= zero:
-        return OPEN, zero, wp.vec3d(), zero
+    tolerated = tolerance + relative * (scale + weight * wp.abs(push))
+    if push <= zero:  # what it would have pulled is missing
+        return OPEN, zero, wp.vec3d(), weight * (wp.length(grip) - push) / tolerated
     far = wp.length(du)
     pushed = wp.abs(push - lam)
-    bent = wp.max(lam * curvature - curved / weight, zero)
+    bent = wp.max(lam * curvature - softest, zero)
     left = wp.float64(0.5) * curvature * far * far + pushed / e + weight * (curvature * pushed + bent) * far
     now = STICKS
     hold = wp.vec3d()
@@ -221,7 +222,7 @@ def contact_step(
                     left = left + weight * (held - mu * push)
                     hold = hold * (mu * push / held)
                 left = left + wp.length(slip)
-                return STICKS, push, hold, left / (tolerance + relative * (scale + weight * push))
+                return STICKS, push, hold, left / tolerated
         held = wp.length(hold)
         if held > mu * push:
             now = SLIDES
@@ -234,7 +235,7 @@ def contact_step(
             left = left + weight * mu * turn * (push * turn + pushed)
             if lagging:
                 left = left + weight * mu * pushed
-    return now, push, hold, left / (tolerance + relative * (scale + weight * push))
+    return now, push, hold, left / tolerated
 
 
 @kernel

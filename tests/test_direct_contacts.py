@@ -6,8 +6,7 @@ from models import state
 from solving import EPS, converged, run
 
 import pbd_warp as pbd
-from pbd_warp.kernels.newton import SLACK
-from pbd_warp.step.methods.direct import ACCEPTED
+from pbd_warp.step.methods.direct import ACCEPTED_CONTACT, COARSER, TOLERANCE
 
 both_precisions = pytest.mark.parametrize("dtype", EPS)
 
@@ -48,8 +47,8 @@ def test_every_step_obeys_momentum_signorini_and_coulomb(friction):
         pull = d / length[:, None] * sim._loop.solver.tension()[:, None]
         np.add.at(momentum, edge[:, 0], pull)
         np.add.at(momentum, edge[:, 1], -pull)
-        # What ends above the tolerance is converged up to `accepted`, of a link's length and of what forces move.
-        accepted = SLACK * ACCEPTED["float64"]
+        # What counts as converged, of a link's length and of what forces move.
+        accepted = ACCEPTED_CONTACT * COARSER * TOLERANCE["float64"]
         size = rest.mean() / (model.w.max() * h * h) + np.abs(pull).max()
         assert np.abs(momentum).max() < accepted * size
         balanced.append(np.abs(momentum).max() / size)

@@ -27,10 +27,6 @@ ROOM = 1 << 20
 """Responses of particles that contacts touch to each other, 72 bytes each: a piece with n of them takes n^2."""
 
 
-COARSER = 100.0
-"""Tolerances of links that a contact may be off by: sweeps sum forces and displacements many times over."""
-
-
 class ContactSource(Protocol):
     """Whoever finds contacts whose particles move.
 
@@ -100,13 +96,16 @@ class Tolerance:
     iterations: At most.
     length: What may be left [m].
     relative: The same over the lengths that it is the difference of.
-    accepted: Times the tolerance: what counts as converged where iterations end above it.
+    close: Of gap and slip of a contact, over the lengths that they are the difference of.
+    accepted, accepted_contact: Times the tolerance: what counts as converged where iterations end above it.
     """
 
     iterations: int
     length: float
     relative: float
+    close: float
     accepted: float
+    accepted_contact: float
 
 
 class Coupling:
@@ -185,7 +184,7 @@ class Coupling:
         context, system, c, p = self._context, self._system, self.contacts, self._system.particles
         launch, going = context.launch, self._going
         parts = system.parts
-        close = (until.length, COARSER * until.relative)
+        close = (until.length, until.close)
         launch(
             begin_pieces,
             self._count,
@@ -202,7 +201,7 @@ class Coupling:
             launch(
                 step_pieces,
                 self._count,
-                *(system.schedule, reach, until.length, until.relative, *parts, self._ports, self._pieces),
+                *(system.schedule, reach, until.length, until.relative, until.close, *parts, self._ports, self._pieces),
             )
             self._follow()
             launch(
@@ -216,7 +215,7 @@ class Coupling:
             end_pieces,
             self._count,
             *(system.schedule, self._ports, self._pieces, self._progress),
-            *(until.accepted, max(until.accepted / COARSER, 1.0)),
+            *(until.accepted, until.accepted_contact),
             *(p, system.links, context.u, counters[0:1], counters[1:2]),
         )
         for source in self._sources:
