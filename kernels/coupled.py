@@ -62,6 +62,7 @@ def begin_pieces(
 @kernel
 def load_pieces(
     # In:
+    p: Particles,
     ports: Ports,
     c: Contacts,
     # Out:
@@ -74,6 +75,12 @@ def load_pieces(
             port = c.port[k][a]
             if port >= 0:
                 wp.atomic_add(m.b, ports.to_tile[port], c.weight[k][a] * c.force[k])
+                across = wp.length(c.force[k]) / c.size[k]
+                for b in range(4):
+                    other = c.port[k][b]
+                    if other >= 0 and b != a:
+                        across = across + p.mass[ports.to_tile[other]]
+                wp.atomic_add(ports.stiffness, port, across)
 
 
 @kernel
@@ -102,6 +109,10 @@ def eliminate_pieces(
     number = ports.count[piece]
     short = wp.float64(SHORT) * p.mean_length[piece]
     find_stiffness(begin, end, s, p, links)
+    for port in range(begin, begin + number):
+        t = ports.to_tile[port]
+        p.stiffness[t] = p.stiffness[t] + ports.stiffness[port]
+        ports.stiffness[port] = wp.float64(0.0)
     forward_pass(begin, end, s, m, p, links, points, c, g.rigid, False, short, g.touch, lagging)
     for o in range(end - begin):
         t = end - 1 - o

@@ -174,7 +174,11 @@ def judge_piece(
     if lagging and switched:
         g.touch = wp.min(wp.float64(10.0) * g.touch, wp.float64(YIELDING))
     else:
-        g.touch = wp.max(wp.float64(0.1) * g.touch, firmest)
+        # Those that switch round and round give more each time.
+        least = wp.min(
+            firmest * wp.pow(wp.float64(10.0), wp.float64(wp.max(g.used / (2 * LAG) - 1, 0))), wp.float64(YIELDING)
+        )
+        g.touch = wp.max(wp.float64(0.1) * g.touch, least)
     if switched and g.rigid:
         g.began = g.used
     if g.error <= wp.float64(1.0) and g.contact <= wp.float64(1.0):

@@ -229,7 +229,10 @@ def contact_step(
             hold = hold * (mu * push / held)
             if status == STICKS:
                 left = left + weight * (held - mu * push)
-        left = left + wp.length(hold - grip) / e
+        elif status == SLIDES:
+            left = left + weight * (mu * push - held)
+        # What changed, and what lies in the tangent plane of before.
+        left = left + wp.length(hold - grip) / e + weight * curvature * wp.length(hold) * far
         if now == SLIDES:
             turn = wp.min(e * far / held, wp.float64(1.0))
             left = left + weight * mu * turn * (push * turn + pushed)

@@ -109,9 +109,10 @@ def capstan(friction, load, dtype, links=120, masses=0.01):
 
 
 @both_precisions
-@pytest.mark.parametrize("friction", [0.1, 0.3, 0.8])
-def test_a_rope_over_a_ball_holds_below_the_limit_of_the_capstan(friction, dtype):
-    model, limit = capstan(friction, 0.97, dtype)
+@pytest.mark.parametrize(("friction", "masses"), [(0.1, 0.01), (0.3, 0.01), (0.8, 0.01), (0.3, 1e-5)])
+def test_a_rope_over_a_ball_holds_below_the_limit_of_the_capstan(friction, masses, dtype):
+    """The lightest particles weigh 1e-7 of the loads."""
+    model, limit = capstan(friction, 0.97, dtype, masses=masses)
     assert limit == pytest.approx(np.exp(friction * np.pi), rel=1e-2)
     sim = run(model, 40, converged, substeps=4, method=pbd.Direct())
     before = state(sim)[0][-1, 1]
@@ -124,9 +125,9 @@ def test_a_rope_over_a_ball_holds_below_the_limit_of_the_capstan(friction, dtype
 
 
 @both_precisions
-@pytest.mark.parametrize("friction", [0.1, 0.3, 0.8])
-def test_it_slides_above(friction, dtype):
-    sim = run(capstan(friction, 1.03, dtype)[0], 30, converged, substeps=4, method=pbd.Direct())
+@pytest.mark.parametrize(("friction", "masses"), [(0.1, 0.01), (0.3, 0.01), (0.8, 0.01), (0.3, 1e-5)])
+def test_it_slides_above(friction, masses, dtype):
+    sim = run(capstan(friction, 1.03, dtype, masses=masses)[0], 30, converged, substeps=4, method=pbd.Direct())
     assert state(sim)[1][-1, 1] < -0.02
 
 
@@ -155,15 +156,12 @@ def test_a_net_comes_to_lie_on_a_ball(friction, dtype):
     builder.add_sphere((0, 0, 0.01), BALL, friction=friction)
     worst = []
 
-    unconverged = []
-
     def check(sim):
+        converged(sim)
         now = pbd.measure(sim)
         worst.append((now.overlap, now.max_stretch))
-        unconverged.append(sim.unconverged)
 
-    run(builder.finalize(dtype=dtype), 25, check, substeps=4, method=pbd.Direct(), on_failure="continue")
-    assert sum(unconverged) <= 1, "of 100 steps"
+    run(builder.finalize(dtype=dtype), 25, check, substeps=4, method=pbd.Direct())
     overlap, stretch = np.max(worst, axis=0)
     assert overlap < {"float64": 1e-7, "float32": 1e-6}[dtype]
     assert stretch < {"float64": 1e-7, "float32": 1e-5}[dtype]

@@ -130,7 +130,7 @@ class Coupling:
             *(("of_tile", tiles, wp.int32), ("to_tile", tiles, wp.int32), ("count", count, wp.int32)),
             *(("coupled", count, wp.int32), ("first", count, wp.int32), ("used", 1, wp.int32)),
             *(("response", room, wp.mat33d), ("column", tiles, wp.mat33d), ("y", tiles, wp.vec3d)),
-            *(("move", tiles, wp.vec3d), ("load", tiles, wp.vec3d)),
+            *(("stiffness", tiles, wp.float64), ("move", tiles, wp.vec3d), ("load", tiles, wp.vec3d)),
         )
         self._ports.piece = context.upload("direct.piece_of_tile", np.repeat(np.arange(count), size), wp.int32)
         self._ports.tile = context.upload("direct.tile", schedule.tile, wp.int32)
@@ -195,7 +195,7 @@ class Coupling:
         launch(begin_iterations, 1, self._ports, self._progress, going)
 
         def iterate() -> None:
-            launch(load_pieces, self._capacity, self._ports, c, system.matrix)
+            launch(load_pieces, self._capacity, p, self._ports, c, system.matrix)
             launch(eliminate_pieces, self._count, system.schedule, *parts, self._ports, self._pieces)
             launch(sweep_contacts, 1, system.schedule, self._progress, *close, self._ports, c)
             launch(
