@@ -30,7 +30,7 @@ def ours(model: pbd.Model) -> Families:
     def family(**settings: Any) -> Callable[[int], Run]:
         def make(steps: int) -> Run:
             chosen = {"substeps": steps, **settings}
-            if settings["integrator"] == "dop853" and "error" in settings:
+            if "error" in settings:
                 chosen |= {"substeps": "auto", "error": settings["error"] / steps}
             sim = pbd.Simulation(model, dt=1.0 / FPS, on_failure="continue", limits=pbd.Limits(stretch=None), **chosen)
 
@@ -47,6 +47,7 @@ def ours(model: pbd.Model) -> Families:
     return {
         "dop853, error 1e-1 m/s over": family(integrator="dop853", error=1e-1),
         "dop853": family(integrator="dop853"),
+        "rk4": family(integrator="rk4"),
         "direct, midpoint4": family(integrator="midpoint4", method=pbd.Direct()),
         "gauss-seidel, 1 iteration, midpoint": family(integrator="midpoint", method=pbd.GaussSeidel(iterations=1)),
     }

@@ -5,15 +5,18 @@
 
 A second of 60 frames a second on one core, from rest; the error is the root mean square over particles against the
 differential equations (or what the scene's chart has). Each peer's settings are swept: families (methods, integrators,
-iterations) times steps a frame, doubled until a second takes longer than --slowest; times are medians. Printed is what
-each peer's best settings take within an error, over ours. A peer that is not installed, refuses or fails is named, in
-the CSV too. Without --out nothing is written.
+iterations) times steps a frame, doubled until a second takes longer than --slowest, or for the same error 1000 times as
+long as ours, or 8 times as long as another family of the same peer; times are medians. Printed is what each peer's best
+settings take within an error, over ours. A peer that is not installed, refuses or fails is named, in the CSV too.
+Without --out nothing is written.
 """
 
 import argparse
 import importlib.metadata
 import os
 import statistics
+import sys
+import time
 
 os.environ["OMP_NUM_THREADS"] = "1"  # before any peer is loaded: one core for all
 
@@ -27,6 +30,7 @@ from pbd_warp.accuracy.peers import OURS, PeerRow, front, save
 from pbd_warp.accuracy.sweep import provenance
 
 ERRORS = (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 1e-9)
+HOPELESS, BEATEN = 1000.0, 8.0
 ROUNDS_BELOW = 0.5
 """Seconds; what takes longer is measured once."""
 
@@ -44,8 +48,16 @@ def charted(name: str) -> tuple[str, pbd.Model, np.ndarray]:
     return name, scene.builder.finalize(dtype="float64"), scene.reference(1.0)
 
 
-def sweep(peer: str, scene: str, model: pbd.Model, reference: np.ndarray, slowest: float, rounds: int) -> list[PeerRow]:
-    """All families of a peer, each by doublings of its steps."""
+def sweep(
+    peer: str,
+    scene: str,
+    model: pbd.Model,
+    reference: np.ndarray,
+    slowest: float,
+    rounds: int,
+    ours: list[PeerRow],
+) -> list[PeerRow]:
+    """All families of a peer, each by doublings of its steps; `ours`: the front that they are compared with."""
     nan = float("nan")
 
     def failure(settings: str, steps: int, error: Exception) -> PeerRow:
@@ -60,6 +72,7 @@ def sweep(peer: str, scene: str, model: pbd.Model, reference: np.ndarray, slowes
     for settings, make in families.items():
         best, rises, steps = float("inf"), 0, 1
         while True:
+            began = time.perf_counter()
             try:
                 run = make(steps)
                 took, x = run()
@@ -68,16 +81,27 @@ def sweep(peer: str, scene: str, model: pbd.Model, reference: np.ndarray, slowes
                 rows.append(failure(settings, steps, error))
                 if not isinstance(error, ArithmeticError | pbd.SimulationFailed):
                     break
-                took = 0.0
+                took, failed = time.perf_counter() - began, True
             else:
                 error = float(np.sqrt(np.mean(np.sum((x - reference) ** 2, axis=1))))
                 ms = 1e3 * statistics.median(repeats)
                 spread = (max(repeats) - min(repeats)) * 1e3 / ms
                 rows.append(PeerRow(scene, peer, settings, steps, ms, spread, error, "measured"))
                 rises = rises + 1 if error >= best else 0
-                best = min(best, error)
+                best, failed = min(best, error), False
+            hopeless = any(
+                row.position_error <= best and 1e3 * took > factor * row.wall_ms_per_sim_second
+                for factor, better in ((HOPELESS, ours), (BEATEN, rows))
+                for row in better
+            )
             # Round-off, or a floor of the method's own: three doublings that bring nothing are enough.
-            if took > slowest / 2.0 or (rises >= 3 and best < 1e-2) or steps >= 2**34 or (took == 0.0 and steps > 4096):
+            if (
+                took > slowest / 2.0
+                or hopeless
+                or (rises >= 3 and best < 1e-2)
+                or steps >= 2**34
+                or (failed and steps > 64)
+            ):
                 break
             steps *= 10 if "error" in settings else 2
     return rows
@@ -119,7 +143,7 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="*", default=["chain", "pendulum", "hanging"])
     parser.add_argument("--peers", nargs="*", default=list(PEERS), choices=list(PEERS))
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--slowest", type=float, default=4.0, help="seconds for a simulated one")
+    parser.add_argument("--slowest", type=float, default=5.0, help="seconds for a simulated one")
     parser.add_argument("--out")
     given = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR
@@ -127,7 +151,8 @@ def main() -> None:
     cases = [charted(name) for name in given.scenes] + [chain(links) for links in given.links]
     for scene, model, reference in cases:
         for peer in given.peers:
-            rows += sweep(peer, scene, model, reference, given.slowest, given.rounds)
+            print(f"{time.strftime('%X')} {scene}, {peer}", file=sys.stderr)
+            rows += sweep(peer, scene, model, reference, given.slowest, given.rounds, front(tuple(rows), scene, OURS))
         compare(rows, scene)
     if given.out:
         made = provenance(model.device)

@@ -230,7 +230,19 @@ def end_pieces(
         begin = s.piece_first[piece]
         end = s.piece_first[piece + 1]
         end_piece(
-            pieces[piece], begin, end, s, p, links, False, accepted, accepted_contact, u, iterations_used, unconverged
+            pieces[piece],
+            piece,
+            begin,
+            end,
+            s,
+            p,
+            links,
+            False,
+            accepted,
+            accepted_contact,
+            u,
+            iterations_used,
+            unconverged,
         )
     if piece == 0 and not (progress[1] <= accepted_contact):
         wp.atomic_add(unconverged, 0, 1)

@@ -28,7 +28,7 @@ from pbd_warp.kernels.runge_kutta import LARGEST_CUT, advance, combine, largest,
 
 PESSIMISM = wp.constant(2.0)
 """An estimate may be so many times `error` h: what such steps add up to in a second was then, on random chains, between
-a hundredth of `error` and all of it, as long as the motion itself does not blow it up (tests/test_explicit.py)."""
+a hundredth of `error` and all of it, but for what the motion itself makes of it (accuracy/agreement.py)."""
 
 CORRECTIONS = wp.constant(8)
 """Newton iterations that put positions onto the lengths, at most: quadratic, from an error as small as a step's."""

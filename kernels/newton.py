@@ -98,4 +98,6 @@ def solve_pieces(
         g = judge_piece(
             g, piece, begin, end, m, p, c.firmest, reach, lagging, left, contact, widest, given, switched, touches
         )
-    end_piece(g, begin, end, s, p, links, mean_gradient, accepted, accepted_contact, u, iterations_used, unconverged)
+    end_piece(
+        g, piece, begin, end, s, p, links, mean_gradient, accepted, accepted_contact, u, iterations_used, unconverged
+    )

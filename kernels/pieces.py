@@ -51,6 +51,7 @@ class Particles:
     shift: wp.array[wp.vec3d]  # [tile_count] what constraints moved in the step before, and now [m]
     gives: wp.array[wp.int32]  # [piece_count] steps until links that had to give are tried as rigid ones
     strain: wp.array[wp.float64]  # [piece_count] how far they gave, over their length
+    missed: wp.array[wp.int32]  # [piece_count] solutions so far that did not converge
 
 
 @wp.struct

@@ -208,6 +208,7 @@ def judge_piece(
 @func
 def end_piece(
     g: Progress,
+    piece: wp.int32,
     begin: wp.int32,
     end: wp.int32,
     s: Schedule,
@@ -235,3 +236,4 @@ def end_piece(
     wp.atomic_add(iterations_used, 0, g.used)
     if not (error <= accepted and g.contact <= accepted_contact):
         wp.atomic_add(unconverged, 0, 1)
+        p.missed[piece] = p.missed[piece] + 1

@@ -17,12 +17,15 @@ Failure = tuple[str, int]
 ("copies", 0): of which copies and what, the loop knows."""
 
 
-def failed(when: str, now: Snapshot, failure: Failure, tried: str = "") -> SimulationFailed:
+def failed(
+    when: str, now: Snapshot, failure: Failure, tried: str = "", missed: np.ndarray | None = None
+) -> SimulationFailed:
     """The error about a frame that has just been made.
 
     Args:
         when: Which frame it is.
         tried: What was tried to save it.
+        missed: Of each particle, solutions of its piece that did not converge, int [particle_count].
     """
     kind, number = failure
     if kind == "contacts" and number < 0:
@@ -34,7 +37,10 @@ def failed(when: str, now: Snapshot, failure: Failure, tried: str = "") -> Simul
         return SimulationFailed(what, remedy=f"give Simulation or Scene max_contacts={2 * number} or more")
     where = "; ".join(text for text in (f"with {now.settings}", _worst_constraint(now)) if text)
     remedy = "; ".join(text for text in (nearest_remedy(now) or _remedy(now, kind), tried) if text)
-    return SimulationFailed(f"{when}: {_finding(now, failure)}", where=where, remedy=remedy)
+    what = f"{when}: {_finding(now, failure)}"
+    if kind == "newton" and missed is not None and np.any((missed < missed.max()) & (now.w > 0.0)):
+        what += f", most often of what is joined to particle {np.argmax(missed)}"
+    return SimulationFailed(what, where=where, remedy=remedy)
 
 
 def failed_copies(when: str, now: Snapshot, failures: Mapping[int, Failure]) -> dict[int, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from pbd_warp.errors import InputError
@@ -16,10 +17,11 @@ from pbd_warp.step.context import NOTHING, Context, Stage
 from pbd_warp.step.copies import CopyMonitor
 from pbd_warp.step.damping import Damper
 from pbd_warp.step.divergence import DivergenceMonitor
-from pbd_warp.step.integrators import DOP853, EXPLICIT, INTEGRATORS, Integrator
+from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS, Explicit, Integrator
 from pbd_warp.step.integrators.second_order import refuse_first_order_features
 from pbd_warp.step.loading import load_modules
 from pbd_warp.step.methods import Direct
+from pbd_warp.step.methods.direct import DirectSolver
 from pbd_warp.step.program import Machine
 from pbd_warp.step.pull import Pull
 
@@ -49,7 +51,7 @@ class Loop:
         if model.collides:
             self.contacts = ContactConstraints(context, settings.method.valence(model), settings.max_contacts)
         self.damper = Damper(context, settings.damping, settings.steps_a_frame) if settings.damping > 0.0 else None
-        self.explicit: DOP853 | None = None
+        self.explicit: Explicit | None = None
         self.integrator: Integrator | None = None
         self.solver: Any = None
         self.pull: Pull | None = None
@@ -165,6 +167,13 @@ class Loop:
     def unconverged(self) -> int | None:
         """Steps of the last frame (paths, with `Direct`) that ended above the method's tolerance; None without one."""
         return None if self.counters is None else int(self.counters.numpy()[1])
+
+    @property
+    def missed(self) -> np.ndarray:
+        """With `Direct`: see `DirectSolver.missed`; else all 0."""
+        if isinstance(self.solver, DirectSolver):
+            return self.solver.missed()
+        return np.zeros(self.context.model.particle_count, int)
 
     @property
     def iterations_used(self) -> int:

@@ -67,7 +67,7 @@ def measure(sim: Simulation) -> Measures:
             kinetic=float(np.sum(each.kinetic)),
             momentum=each.momentum.sum(axis=0),
             angular_momentum=each.angular_momentum.sum(axis=0),
-            forces=sim.forces if sim.settings.method.keeps_forces else None,
+            forces=sim.forces if sim.keeps_forces else None,
         )
 
 

@@ -33,15 +33,17 @@ def _lines(title: str, clock: Callable[[], float] = time.monotonic) -> Callable[
     """Prints a line where the last one, or the start, was ten seconds ago."""
     start = last = clock()
 
-    def advance(done: int, of: int, doing: str = "") -> None:
+    def advance(done: int, of: int | None, doing: str = "") -> None:
         nonlocal last
         now = clock()
         if now - last < LINE_EVERY:
             return
         last = now
+        far = f"{title} {doing}: {done}" if doing else f"{title}: {done}"
+        if of is None:
+            print(f"{far} after {now - start:.0f} s", file=sys.stderr, flush=True)
+            return
         left = (now - start) * (of - done) / max(done, 1)
-        print(
-            f"{title}: {done} of {of} after {now - start:.0f} s, some {left:.0f} s to go", file=sys.stderr, flush=True
-        )
+        print(f"{far} of {of} after {now - start:.0f} s, some {left:.0f} s to go", file=sys.stderr, flush=True)
 
     return advance

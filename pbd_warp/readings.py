@@ -20,6 +20,7 @@ class Readings:
     settings: Settings
     state: State
     _loop: Loop
+    _maker: Loop  # of the last frame: another one's, where it was made again
     _context: Context
 
     @property
@@ -61,27 +62,42 @@ class Readings:
         return self._loop.unconverged
 
     @property
+    def missed(self) -> np.ndarray:
+        """With `Direct`: how many solutions so far did not converge, of the connected piece that a particle belongs to,
+        int [particle_count]. Begins anew with a frame that was made again, a reset, a change of settings."""
+        return self._loop.missed
+
+    @property
+    def keeps_forces(self) -> bool:
+        """Whether `forces` are known: with `Direct`."""
+        return self.settings.method.keeps_forces
+
+    @property
     def forces(self) -> Forces:
         """What constraints carried in the last step: tensions, reactions, contact forces. Reads them from the device.
 
         Raises:
             InputError: the method keeps no multipliers; `Direct` does.
         """
-        solver = self._loop.solver
-        if not isinstance(solver, DirectSolver):
-            raise InputError(f"forces are known with method 'direct', not with {self.settings.method}")
         x, w = (array.numpy().astype(np.float64) for array in (self.state.x, self._context.w))
-        return constraint_forces(self.model, solver, x, w)
+        return constraint_forces(self.model, self._force_keeper, x, w)
 
     @property
     def tension(self) -> np.ndarray:
         """Force along each distance in the last step [N], pull positive, float64 [distance_count]; see `forces`."""
-        return self.forces.tension
+        return self._force_keeper.tension()
 
     @property
     def reaction(self) -> np.ndarray:
         """Of what holds a particle, on that particle [N], float64 [particle_count, 3]; see `forces`."""
         return self.forces.reaction
+
+    @property
+    def _force_keeper(self) -> DirectSolver:
+        solver = self._maker.solver
+        if not isinstance(solver, DirectSolver):
+            raise InputError(f"forces are known with method 'direct', not with {self.settings.method}")
+        return solver
 
     @property
     def passes(self) -> list[str]:

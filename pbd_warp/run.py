@@ -10,6 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
+import numpy as np
 import warp as wp
 
 from pbd_warp import check
@@ -49,9 +50,14 @@ class Checkpoints:
 
 
 class Writer(Protocol):
-    """Writes frames: `UsdWriter`, or the one that writes over a USD stage."""
+    """Writes frames: `UsdWriter`, or the one that writes over a USD stage.
 
-    def write(self, state: State) -> None: ...
+    tension: Whether each comes with tensions.
+    """
+
+    @property
+    def tension(self) -> bool: ...
+    def write(self, state: State, tension: np.ndarray | None = None) -> None: ...
     def flush(self) -> None: ...
     @property
     def frames(self) -> int: ...
@@ -89,13 +95,14 @@ def run(
     hooks: Hooks = Hooks(),
     recording: Recording | None = None,
     up_axis: str = "Y",
+    tension: bool = False,
 ) -> RunStats:
     """Simulate a scene and write its frames to `out`, a USD animation, a page that plays them or a video: frame 0
     is the initial state, scene.frames there are in all.
 
     Args:
         recording: A recording to be done again, with its settings, instead of the scene's drag.
-        up_axis: Of the file, see UsdWriter.
+        up_axis, tension: Of the file, see UsdWriter. A page has tensions wherever the method knows them.
 
     Raises:
         InputError: before anything is simulated or written.
@@ -113,16 +120,30 @@ def run(
         controller = recording.replay(scene, model)
         sim = controller.begin()
 
+    used = [sim.settings] if recording is None else recording.all_settings
+    if tension:
+        check_keeps_forces(*used)
+    keeps_forces = all(settings.method.keeps_forces for settings in used)
     if out.suffix in EXTENSIONS and hooks.checkpoints:
         raise InputError(f"{out} cannot be gone on with: leave checkpoints of a .usdc, and play that at the end")
 
     def open_writer(resume: int | None, identity: Identity) -> Writer:
         if out.suffix in EXTENSIONS:
-            return MotionWriter(out, model, scene.fps, scene.name, hooks.on_drawn)
+            return MotionWriter(
+                out, model, scene.fps, scene.name, hooks.on_drawn, keeps_forces and out.suffix == ".html"
+            )
         made_by = provenance(scene, model)
-        return UsdWriter(out, model, scene.fps, made_by, resume, up_axis, identity=identity)
+        return UsdWriter(out, model, scene.fps, made_by, resume, up_axis, identity=identity, tension=tension)
 
-    return make_frames(scene, sim, controller, open_writer, out, hooks, f"{up_axis} up")
+    stage = f"{up_axis} up" + (", with tension" if tension else "")
+    return make_frames(scene, sim, controller, open_writer, out, hooks, stage)
+
+
+def check_keeps_forces(*used: Settings) -> None:
+    """Raises an InputError where tensions are not known with one of the settings."""
+    for settings in used:
+        if not settings.method.keeps_forces:
+            raise InputError(f"tension is known with method 'direct', not with {settings.method.name!r}")
 
 
 def tell_cost(model: Model, settings: Settings, hooks: Hooks) -> None:
@@ -198,7 +219,7 @@ def _make_frames(
                 sim = next(motion)
                 wp.synchronize_device(sim.model.device)
                 progress.note(sim, time.perf_counter() - start)
-            writer.write(sim.state)
+            writer.write(sim.state, sim.tension if writer.tension else None)
             progress.frames = frame + 1
             hooks.on_frame(progress.frames)
             if checkpoints and progress.frames % checkpoints.every == 0 and progress.frames < scene.frames:

@@ -11,7 +11,7 @@ from pbd_warp.errors import InputError, unknown
 from pbd_warp.model.constraints import check_softness
 from pbd_warp.model.model import Model
 from pbd_warp.step.divergence import Limits
-from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS
+from pbd_warp.step.integrators import ESTIMATING, EXPLICIT, INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, GaussSeidel, Jacobi, Method
 
 SHORTEST, LONGEST = 1e-9, 1e6
@@ -38,8 +38,8 @@ class Settings:
     substeps: Steps of the paper's loop in a frame, each of dt / substeps. "auto": the integrator's estimate of its
         error chooses them, which "dop853" has.
     method: How constraints are projected; also a method's name or class, with its defaults.
-    integrator: How velocity becomes position and back: "pbd", "bdf2", "midpoint" or "midpoint4"; or "dop853", which
-        takes no method and makes rigid distances, springs and points move to almost any accuracy.
+    integrator: How velocity becomes position and back: "pbd", "bdf2", "midpoint" or "midpoint4"; or "dop853" and
+        "rk4", which take no method and make rigid distances, springs and points move, to almost any accuracy.
     error: What steps may be off with substeps="auto", metres a second of simulated time; what the motion itself makes
         of that, where it is chaotic, comes on top. 1e-6 unless given.
     damping: k of section 3.5: the fraction of all velocity that is not rigid motion taken away in a frame, 0..1.
@@ -57,7 +57,7 @@ class Settings:
     stiffness: Of all distances, 0..1, instead of the model's own; None: as the model has them.
     gravity: [m/s^2], instead of the model's own; None: as the model has it.
     grab_acceleration: A grabbed particle is pulled with at most this force, over the mass of all that it is joined
-        to [m/s^2], so that walls, contacts and lengths win. None, and with "dop853": it is exactly where it is told.
+        to [m/s^2], so that walls, contacts and lengths win. None, and without a method: it is exactly where it is told.
     grab_speed: What is pulled follows no faster [m/s].
 
     Raises:
@@ -114,9 +114,9 @@ class Settings:
                 raise InputError("error is what substeps='auto' keeps: say so, or leave error out")
         elif self.substeps != AUTO:
             raise InputError(f"substeps must be a whole number or {AUTO!r}, not {self.substeps!r}")
-        elif self.integrator not in EXPLICIT:
+        elif self.integrator not in ESTIMATING:
             raise InputError(
-                f"substeps='auto' needs an integrator that estimates its error, {', '.join(EXPLICIT)}; "
+                f"substeps='auto' needs an integrator that estimates its error, {', '.join(ESTIMATING)}; "
                 f"{self.integrator!r} does not"
             )
         else:
@@ -148,7 +148,8 @@ class Settings:
 
     def changed(self, **changes: Any) -> Settings:
         """These settings with others in their place. What another integrator does not take is left out unless it is
-        given: the method with "dop853", "auto" and the error with others; the error with a number of substeps.
+        given: the method with "dop853" and "rk4", "auto" and the error with what has no estimate of it; the error with
+        a number of substeps.
 
         Raises:
             InputError: a name that is no setting, or what a setting refuses.
@@ -156,14 +157,18 @@ class Settings:
         for name in changes:
             if name not in NAMES:
                 raise unknown("setting", name, NAMES)
-        to_explicit = changes.get("integrator", self.integrator) in EXPLICIT
-        if to_explicit and self.integrator not in EXPLICIT:
+        to = changes.get("integrator", self.integrator)
+        if to in EXPLICIT and self.integrator not in EXPLICIT:
             changes.setdefault("method", Jacobi())
-        if self.auto and not to_explicit:
+        if self.auto and to not in ESTIMATING:
             changes.setdefault("substeps", 1)
         if self.auto and changes.get("substeps", AUTO) != AUTO:
             changes.setdefault("error", None)
         return replace(self, **changes)
+
+    def keeping(self, error: float) -> Settings:
+        """These settings with the explicit integrator, and the steps that keep an error [m/s]."""
+        return self.changed(integrator="dop853", substeps=AUTO, error=error, on_failure="raise")
 
     def with_options(self, options: Mapping[str, Any]) -> Settings:
         """These settings with what the command line says instead: fps, the method by its name, iterations and

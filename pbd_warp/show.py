@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import os
 import webbrowser
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 
 from pbd_warp.errors import InputError
@@ -52,11 +52,12 @@ def show(what: Scene | ModelBuilder | Model | Simulation | Motion | str | os.Pat
 def _motion(scene: Scene) -> Motion:
     """All frames of a scene, with its drag."""
     sim = Simulation(scene.builder, scene.settings)
-    frames = [sim.positions]
     drag = Drag(scene.drag)
     drag.check_particles(sim.model.particle_count)
-    frames += [now.positions for now in islice(play(sim, drag, scene.frames), scene.frames - 1)]
-    return Motion.of(sim.model, frames, scene.fps, scene.name)
+    moving = chain([sim], islice(play(sim, drag, scene.frames), scene.frames - 1))
+    seen = [(now.positions, now.tension if now.keeps_forces else None) for now in moving]
+    positions, tension = zip(*seen, strict=True)
+    return Motion.of(sim.model, positions, scene.fps, scene.name, tension if sim.keeps_forces else None)
 
 
 async def _live(scene: Scene) -> None:

@@ -58,6 +58,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self.retried = 0
         self.failures: dict[int, str] = {}
         self._loop = Loop(model, settings)
+        self._maker = self._loop
         self._context = self._loop.context
         self._moved = MovedParticles(self._context, settings.dt, self._loop.pull)
         self.state = self._context.state
@@ -76,6 +77,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         while self.frame < last:
             moves = self._moved.begin_frame(self.frame)
             self.frame += self._loop.make_frames(1 if moves else last - self.frame)
+            self._maker = self._loop
             failure = self._loop.find_failure()
             if failure is not None:
                 self._recover(failure)
@@ -88,7 +90,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         if failure[0] == "contacts":  # which no retry would help
             raise failed(self._when, self._snapshot(), failure)
         if not self._retry():
-            error = failed(self._when, self._snapshot(), failure, retry.tried(self.settings))
+            error = failed(self._when, self._snapshot(), failure, retry.tried(self.settings), self.missed)
             self._loop.monitor.restart()  # the next frame, of a state that was put right, is judged by itself
             raise error
         self.retried += 1
@@ -103,6 +105,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         if self.point_target is not None:
             self.point_target.assign(self.model.point.target)
         self.frame = self.retried = 0
+        self._maker = self._loop
         self._loop.restart()
 
     def like(self, settings: Settings | None = None, **changes: Any) -> Simulation:
@@ -237,6 +240,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
             except SimulationFailed:
                 continue
             self._take_over(spare)
+            self._maker = spare._maker
             return True
         return False
 
@@ -258,6 +262,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
             wp.copy(self._loop.counters, other._loop.counters)
         self._moved.take_over(other._moved)
         self.frame, self.failures = other.frame, dict(other.failures)
+        self._maker = self._loop
         self._loop.restart()
 
     def _fill(self, checkpoint: Checkpoint, path: str | Path) -> None:
@@ -265,6 +270,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         checkpoint.fill(self._context.arrays, self._context.fixed, path)
         self.frame, self.retried = checkpoint.progress["frame"], checkpoint.progress["retried"]
         self.failures = dict(checkpoint.progress["failures"])
+        self._maker = self._loop
         self._moved.restore(memory)
 
     def _snapshot(self) -> Snapshot:

@@ -12,7 +12,7 @@ DT = 1.0 / 60.0
 def explicit(model, frames=0, **settings):
     """A simulation after some frames; "auto" unless it is given substeps."""
     settings = {"substeps": "auto", **settings} if "substeps" not in settings else settings
-    sim = pbd.Simulation(model, integrator="dop853", **settings)
+    sim = pbd.Simulation(model, **{"integrator": "dop853", **settings})
     step(sim, frames)
     return sim
 

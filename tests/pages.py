@@ -51,7 +51,8 @@ class Client:
     async def take(self, data):
         if isinstance(data, bytes):
             generation, frame, held, holder, *target = HEADER.unpack(data[: HEADER.size])
-            x = np.frombuffer(data[HEADER.size :], np.float32).reshape(-1, 3)
+            count = len(self.scene["radius"]) if self.scene else 0
+            x = np.frombuffer(data[HEADER.size :], np.float32)[: 3 * count].reshape(-1, 3)
             self.frames.append((generation, frame, held, holder, x, target))
             if self.draws:
                 await self.say("seen", count=len(self.frames))

@@ -16,7 +16,9 @@ from pbd_warp.accuracy.plot import draw
 from pbd_warp.errors import InputError
 
 INFO = {"machine": "a, b: 2 cores", "versions": "warp 1.16", "date": "2025-07-01", "reference": "RK4 at h = 1e-5."}
-ROW = Row("chain", "direct", "midpoint4", "float64", 2, 20, 0.1 + 0.2, 0.05, 1200.0, 4e-6, 1e-12, -1e-9, "converged")
+ROW = Row(
+    "chain", "direct", "midpoint4", "float64", 2, 20, 0.0, 0.1 + 0.2, 0.05, 1200.0, 4e-6, 1e-12, -1e-9, "converged"
+)
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -53,7 +55,7 @@ any_rows = st.builds(
     Row,
     *[texts] * 4,
     *[st.integers()] * 2,
-    *[numbers] * 6,
+    *[numbers] * 7,
     st.sampled_from(OUTCOMES),
 )
 
@@ -63,7 +65,7 @@ any_rows = st.builds(
 
 def test_columns_are_those_promised():
     assert ",".join(COLUMNS) == (
-        "scene,method,integrator,dtype,substeps,iterations,wall_ms_per_sim_second,wall_spread,"
+        "scene,method,integrator,dtype,substeps,iterations,error,wall_ms_per_sim_second,wall_spread,"
         "projections_per_sim_second,position_error,max_stretch,energy_drift,outcome"
     )
 
@@ -113,8 +115,8 @@ LINE = ",".join(ROW.cells())
         (f"# a: b\n{HEADER.replace('dtype,', '')}\n{LINE}\n", "line 2: the columns must be .*, but there is no dtype$"),
         (f"{HEADER},more\n{LINE},1\n", "line 1: the columns must be .*, but they are .*,? more$"),
         (f"# a: b\n{HEADER}\n", "there are no rows under the columns"),
-        (f"# a: b\n{HEADER}\n{LINE}\n\n{LINE},5\n", "line 5: there are 14 values for 13 columns"),
-        (f"# a: b\n{HEADER}\n{LINE}\nx\n", "line 4: there are 1 values for 13 columns"),
+        (f"# a: b\n{HEADER}\n{LINE}\n\n{LINE},5\n", "line 5: there are 15 values for 14 columns"),
+        (f"# a: b\n{HEADER}\n{LINE}\nx\n", "line 4: there are 1 values for 14 columns"),
         (f"{HEADER}\n{LINE.replace(',2,20,', ',2,1.5,')}\n", "line 2: iterations must be a whole number, not '1.5'"),
         (f"{HEADER}\n{LINE.replace('1200.0', 'many')}\n", "projections_per_sim_second must be a number, not 'many'"),
         (
@@ -184,6 +186,16 @@ def test_front_goes_by_the_cost_asked_for():
 
 def test_flags_are_those_of_run():
     assert flags(ROW) == "--method direct --integrator midpoint4 --substeps 2 --iterations 20 --dtype float64"
+    explicit = dataclasses.replace(ROW, method="none", integrator="dop853", iterations=0)
+    assert flags(explicit) == "--integrator dop853 --substeps 2 --dtype float64"
+    auto = dataclasses.replace(explicit, error=1e-6)
+    assert flags(auto) == "--integrator dop853 --substeps auto --error 1e-06 --dtype float64"
+    for row, label in (
+        (ROW, "2"),
+        (dataclasses.replace(ROW, method="jacobi"), "2\N{MULTIPLICATION SIGN}20"),
+        (auto, "1e-06 m/s"),
+    ):
+        assert row.label == label
 
 
 # The picture

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate._ivp import dop853_coefficients as scipy_dop853
 
-from pbd_warp.step.integrators.coefficients import ORDER_8
+from pbd_warp.step.integrators.coefficients import ORDER_4, ORDER_8
 
 
 def test_dop853_is_scipys():
@@ -18,10 +18,9 @@ def test_dop853_is_scipys():
     np.testing.assert_allclose(ORDER_8.c, scipy_dop853.C[:stages], rtol=0, atol=2e-15)
 
 
-@pytest.mark.parametrize("q", range(1, 10))
-def test_order_conditions(q):
+@pytest.mark.parametrize(("t", "q"), [(ORDER_8, q) for q in range(1, 10)] + [(ORDER_4, q) for q in range(1, 6)])
+def test_order_conditions(t, q):
     """Those of quadrature, b c^(q-1) = 1/q, and of the linear equation, b a^(q-1) 1 = 1/q!, hold up to the order."""
-    t = ORDER_8
     quadrature = t.b @ t.c ** (q - 1) - 1.0 / q
     linear = t.b @ np.linalg.matrix_power(t.a, q - 1) @ np.ones(len(t.b)) - 1.0 / math.factorial(q)
     if q <= t.order:

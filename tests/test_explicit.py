@@ -7,7 +7,6 @@ from models import state
 from solving import both_precisions
 
 import pbd_warp as pbd
-from pbd_warp.accuracy import references
 from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.settings import Settings
 from pbd_warp.step.integrators import pieces
@@ -28,20 +27,6 @@ def straight(links, dtype="float64"):
     """A metre, a kilogram, from the horizontal."""
     x = np.linspace([0.0, 0, 0], [1.0, 0, 0], links + 1)
     return graph(x, [(k, k + 1) for k in range(links)], fixed=[0], mass=1.0 / links, dtype=dtype)
-
-
-def random_chain(seed):
-    """4 to 13 particles on a bent line of about a metre, links and masses of many sizes, one end fixed."""
-    rng = np.random.default_rng(seed)
-    n = int(rng.integers(4, 13))
-    heading = rng.normal(size=3)
-    headings = []
-    for _ in range(n - 1):
-        headings.append(heading / np.linalg.norm(heading))
-        heading = headings[-1] + 0.5 * rng.normal(size=3)
-    links = np.array(headings) * rng.uniform(0.5, 1.5, (n - 1, 1)) / (n - 1)
-    x = np.vstack([np.zeros(3), np.cumsum(links, axis=0)])
-    return graph(x, [(k, k + 1) for k in range(n - 1)], fixed=[0], mass=rng.uniform(0.5, 2.0, n) / n)
 
 
 def net(columns, rows):
@@ -115,36 +100,15 @@ def test_a_path_moves_the_same_by_either_elimination(monkeypatch):
     np.testing.assert_allclose(where(general), where(along), rtol=0, atol=1e-13)
 
 
-def test_order_eight():
+@pytest.mark.parametrize(("integrator", "order", "substeps"), [("dop853", 8, (1, 2, 4)), ("rk4", 4, (4, 8, 16))])
+def test_order(integrator, order, substeps):
     """Of positions and velocities, before round-off: 10 links fall for a quarter of a second."""
     model = straight(10)
     expected = motion(model, 0.25)
-    substeps = np.array([1, 2, 4])
-    runs = [state(explicit(model, 6, dt=0.25 / 6, substeps=int(s))) for s in substeps]
+    runs = [state(explicit(model, 6, dt=0.25 / 6, substeps=s, integrator=integrator)) for s in substeps]
     for kind in (0, 1):
         error = [np.abs(run[kind] - expected[kind]).max() for run in runs]
-        assert 7.5 < -np.polyfit(np.log(substeps), np.log(error), 1)[0] < 8.5
-
-
-def test_error_is_what_was_asked():
-    """Ten random chains over a second: never above, and not below a hundredth of it. Left out are chains whose own
-    motion amplifies a disturbance more than 50 times in that second: nothing that looks at one step knows of it."""
-    tried = 0
-    for seed in range(40):
-        model = random_chain(seed)
-        rest = (model.v, model.w, model.gravity, 1e-13, 1e-14)
-        x = references.chain([1.0], model.x, *rest)[0][-1]
-        nudge = 1e-8 * np.random.default_rng(1).normal(size=model.x.shape) * (model.w > 0.0)[:, None]
-        amplification = np.abs(references.chain([1.0], model.x + nudge, *rest)[0][-1] - x).max() / 1e-8
-        if amplification > 50.0:
-            continue
-        for asked in (1e-6, 1e-8):
-            error = np.linalg.norm(where(explicit(model, 60, error=asked)) - x, axis=1).max()
-            assert asked / 100.0 < error < asked, (seed, asked)
-        tried += 1
-        if tried == 10:
-            return
-    pytest.fail("too few chains")
+        assert abs(-np.polyfit(np.log(substeps), np.log(error), 1)[0] - order) < 0.5
 
 
 def test_energy_of_ten_links_for_twenty_seconds():
@@ -322,6 +286,7 @@ def test_error_has_to_be_a_length_a_second(bad):
     ("settings", "match"),
     [
         ({"substeps": "auto", "integrator": "midpoint4"}, "estimates its error"),
+        ({"substeps": "auto", "integrator": "rk4"}, "estimates its error, dop853; 'rk4' does not"),
         ({"substeps": "many"}, "whole number or 'auto'"),
         ({"substeps": 4, "error": 1e-6}, "substeps='auto'"),
         ({"method": pbd.Direct()}, "takes no method"),
@@ -341,6 +306,8 @@ def test_settings_change_from_and_to_it():
     assert (auto.method, auto.error) == (pbd.Jacobi(), 1e-6)
     assert auto.changed(substeps=4).error is None
     assert auto.changed(integrator="bdf2").substeps == 1
+    assert auto.changed(integrator="rk4").substeps == 1
+    assert settings.changed(integrator="rk4").substeps == 3
     assert Settings.from_json(auto.to_json()) == auto
 
 
@@ -367,19 +334,21 @@ def test_what_it_cannot_do_is_refused(what):
         explicit(refused(what))
 
 
+@pytest.mark.parametrize("integrator", ["dop853", "rk4"])
 @pytest.mark.parametrize("too_stiff", [True, False])
-def test_a_spring_too_stiff_for_the_step_is_foretold(too_stiff):
+def test_a_spring_too_stiff_for_the_step_is_foretold(too_stiff, integrator):
     """On either side of the limit: told and growing, or neither."""
-    frequency = 5.9 * (1.05 if too_stiff else 0.95) / DT
+    frequency = {"dop853": 5.9, "rk4": 2.8}[integrator] * (1.05 if too_stiff else 0.95) / DT
     model = graph(np.array([[0.0, 0, 0], [1.0, 0, 0]]), [(0, 1)], fixed=[0], rest=0.9999, compliance=frequency**-2.0)
-    sim = explicit(model, substeps=1)
+    sim = explicit(model, substeps=1, integrator=integrator, limits=pbd.Limits(stretch=0.3))
     assert [warning.test for warning in sim.check()] == ["step"] * too_stiff
     if too_stiff:
         with pytest.raises(SimulationFailed, match="too stiff for a step"):
             step(sim, 120)
     else:
         step(sim, 120)
-        assert abs(np.linalg.norm(where(sim)[1]) - 0.9999) < 2e-4
+        weights = 3.0 * 9.81 / frequency**2  # of a pendulum that swings through its lowest point
+        assert abs(np.linalg.norm(where(sim)[1]) - 0.9999) < weights + 1e-4
 
 
 def test_an_error_below_rounding_is_foretold():

@@ -5,6 +5,7 @@ import gzip
 import re
 import urllib.error
 import urllib.request
+from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -127,19 +128,59 @@ def test_the_page_colours_by_stretch(opened):
     shown.evaluate("pbd.go(30)")
     shown.keyboard.press("Space")
 
-    def redness():
-        shown.wait_for_timeout(300)
-        picture = shown.locator("#stage").screenshot()
-        pixels = np.asarray(Image.open(BytesIO(picture)).convert("RGB")).astype(int)
-        return int(np.sum((pixels[..., 0] > 140) & (pixels[..., 1] < 90) & (pixels[..., 2] < 90)))
-
     shown.keyboard.press("End")
-    plain = redness()
-    shown.locator("#by-stretch").check()
-    assert redness() > plain + 300
+    plain = redness(shown)
+    shown.locator("#colour").select_option("stretch")
+    assert redness(shown) > plain + 300
     legend = shown.locator("#legend").inner_text().replace("\N{MINUS SIGN}", "-")
     assert legend.split() == ["-100", "%", "+100", "%", "of", "rest", "length"]
-    assert shown.evaluate("pbd.stretch") == pytest.approx(1.0, abs=1e-6)
+    assert shown.evaluate("pbd.most.stretch") == pytest.approx(1.0, abs=1e-6)
+    assert not shown.locator("#colour [value=tension]").is_visible()
+
+
+def redness(shown):
+    """Pixels in the colour of what is pulled most."""
+    shown.wait_for_timeout(300)
+    picture = shown.locator("#stage").screenshot()
+    pixels = np.asarray(Image.open(BytesIO(picture)).convert("RGB")).astype(int)
+    return int(np.sum((pixels[..., 0] > 140) & (pixels[..., 1] < 90) & (pixels[..., 2] < 90)))
+
+
+def test_the_page_colours_by_tension(opened):
+    """Links do not stretch here; the lower one is pulled with 3 N at the end, and nothing else is."""
+    motion = swing()
+    tension = np.zeros((31, 2), np.float32)
+    tension[:, 1] = np.linspace(-1.0, 3.0, 31)
+    shown = opened(replace(motion, tension=tension))
+    shown.keyboard.press("End")
+    plain = redness(shown)
+    shown.locator("#colour").select_option("tension")
+    red = redness(shown)
+    assert red > plain + 300
+    legend = shown.locator("#legend").inner_text().replace("\N{MINUS SIGN}", "-")
+    assert legend.split() == ["-5", "N", "+5", "N", "pull", "and", "push"]
+    assert shown.evaluate("pbd.most.tension") == 3.0
+    shown.locator("#time").fill("12.25")
+    shown.wait_for_function("pbd.frame === 12.25 && !pbd.playing")
+    shown.wait_for_function(f"Math.abs(pbd.tension[1] - {-1.0 + 4.0 * 12.25 / 30}) < 1e-5 && pbd.tension[0] === 0")
+    assert redness(shown) - plain < 0.1 * (red - plain)
+
+
+def test_tensions_in_the_page_are_those_of_the_simulation(tmp_path):
+    """Of a rope at rest: what hangs below each link."""
+    builder = pbd.ModelBuilder()
+    builder.add_rope([(0, -k, 0) for k in range(4)], mass=[0.0, 1.0, 2.0, 4.0], pinned=(0,))
+    run(pbd.Scene(builder, frames=3, method="direct"), tmp_path / "t.html", dtype="float64")
+    run(pbd.Scene(builder, frames=3, method="jacobi"), tmp_path / "j.html", dtype="float64")
+    text = (tmp_path / "t.html").read_text()
+    packed = re.search(r'id="tension">([^<]*)<', text)[1]
+    tension = np.frombuffer(gzip.decompress(base64.b64decode(packed)), "<f4").reshape(3, 3)
+    np.testing.assert_allclose(tension[1:], [9.81 * np.array([7.0, 6.0, 4.0])] * 2, rtol=1e-6)
+    np.testing.assert_array_equal(tension[0], 0.0)
+    assert '"has_tension": true' in text
+    assert '"has_tension": false' in (tmp_path / "j.html").read_text()
+    motion = pbd.Simulation(builder, method="direct").run(frames=2)
+    np.testing.assert_allclose(motion.tension[2], 9.81 * np.array([7.0, 6.0, 4.0]), rtol=1e-5)
 
 
 def test_the_frames_in_the_page_are_those_of_the_simulation(tmp_path):

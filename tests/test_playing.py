@@ -4,6 +4,7 @@ import types
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import pbd_warp as pbd
 from pbd_warp import progress
@@ -56,6 +57,25 @@ def test_without_a_terminal_progress_is_a_line_every_ten_seconds(capsys):
         "rope: 25 of 100 after 10 s, some 30 s to go",
         "rope: 50 of 100 after 21 s, some 21 s to go",
     ]
+
+
+def test_progress_says_what_is_being_done(capsys, monkeypatch):
+    """Without a terminal in its line, on a terminal beside its bar."""
+    now = iter([0.0, 10.0, 20.0])
+    advance = progress._lines("room", lambda: next(now))
+    advance(0, None, "reading")
+    advance(5, 10, "solving")
+    assert capsys.readouterr().err.splitlines() == [
+        "room reading: 0 after 10 s",
+        "room solving: 5 of 10 after 20 s, some 20 s to go",
+    ]
+    monkeypatch.setattr(progress, "Console", lambda stderr: Console(stderr=stderr, force_terminal=True, width=100))
+    for doing in ("reading", "solving", "writing"):
+        with progress.progress_bar("room") as advance:
+            advance(3, 10, doing)
+        shown = capsys.readouterr().err
+        assert f"room {doing}" in shown
+        assert "3/10" in shown
 
 
 def test_run_shows_progress_where_asked(capsys, monkeypatch):

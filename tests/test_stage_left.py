@@ -2,14 +2,16 @@
 
 import json
 import sys
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from pxr import Sdf, Usd, UsdGeom, Vt
 from stages import add_curves, line, local, new_stage, simulated
+from typer.testing import CliRunner
 
 import pbd_warp as pbd
-from pbd_warp.cli import main
+from pbd_warp.cli import app, main
 from pbd_warp.cli.terminal import as_options
 from pbd_warp.curves import Material, StageHooks, load_stage, simulate
 from pbd_warp.curves.playback import Playback
@@ -301,6 +303,27 @@ def test_the_command_line_tells_what_is_left_and_how_long_each_phase_took(tmp_pa
         main()
     assert stop.value.code == 2
     assert "curve 0 is left as it is" in capfd.readouterr().err
+
+
+def test_the_progress_bar_tells_reading_solving_and_writing_apart(tmp_path, monkeypatch):
+    """Reading once, then each frame is solved and written, and in the end everything is merged."""
+    stage = new_stage(tmp_path / "a.usda", last=3)
+    add_curves(stage, "/World/C", line(6))
+    stage.Save()
+    said = []
+
+    @contextmanager
+    def bar(title):
+        yield lambda done, of, doing="": said.append((done, of, doing))
+
+    monkeypatch.setattr("pbd_warp.cli.simulate.progress_bar", bar)
+    result = CliRunner().invoke(app, ["simulate", str(tmp_path / "a.usda"), "--out", str(tmp_path / "o.usda")])
+    assert result.exit_code == 0, result.output
+    assert said == [
+        (0, None, "reading"),
+        *((done, 4, doing) for done in range(4) for doing in ("writing", "solving")),
+        (4, 4, "writing"),
+    ]
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), -0.5])

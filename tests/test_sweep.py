@@ -31,15 +31,20 @@ def call(monkeypatch, tmp_path, capsys):
 
 @pytest.fixture(scope="module")
 def pendulum():
-    sweep = Sweep(substeps=(1, 4), iterations=(5,), repeat=2)
+    sweep = Sweep(substeps=(1, 4), iterations=(5,), errors=(1e-3, 1e-9), repeat=2)
     return sweep_scene(pbd.load_scene("pendulum"), sweep)
 
 
 def test_every_configuration_has_its_row(pendulum):
-    keys = [(r.method, r.integrator, r.dtype, r.substeps) for r in pendulum.rows]
+    keys = [(r.method, r.integrator, r.dtype, r.substeps) for r in pendulum.rows if r.method != "none"]
     assert len(keys) == len(set(keys)) == 3 * 4 * 2 * 2
+    explicit = {(r.dtype, r.error or r.substeps) for r in pendulum.rows if r.integrator == "dop853"}
+    assert explicit == {(dtype, at) for dtype in ("float32", "float64") for at in (1, 4, 1e-3, 1e-9)} - {
+        ("float32", 1e-9)
+    }
+    assert {r.integrator for r in pendulum.rows if r.method == "none"} == {"dop853", "rk4"}
     assert all(r.scene == "pendulum" for r in pendulum.rows)
-    assert {r.iterations for r in pendulum.rows if r.method != "direct"} == {5}
+    assert {r.iterations for r in pendulum.rows if r.method not in ("direct", "none")} == {5}
     assert {"reference", "machine", "versions", "date", "measured"} <= set(pendulum.info)
 
 
@@ -97,13 +102,13 @@ def test_scenes_without_a_reference_are_compared_with_themselves():
 
 
 def test_chart_command(call, tmp_path):
-    small = ["--substeps", "1,4", "--iterations", "5", "--dtypes", "float64", "--repeat", "1"]
+    small = ["--substeps", "1,4", "--iterations", "5", "--errors", "1e-3", "--dtypes", "float64", "--repeat", "1"]
     code, out, err = call("chart", "oscillator", "--out", "o.svg", *small, "--pick", "1e-2", "--set", "mass=2.0")
     assert code == 0, err
     assert (tmp_path / "o.svg").read_text().startswith("<?xml")
     with open(tmp_path / "o.csv") as file:
         rows = [*csv.DictReader(line for line in file if not line.startswith("#"))]
-    assert len(rows) == 3 * 4 * 2
+    assert len(rows) == 3 * 4 * 2 + 2 + 1 + 2
     flags = out.splitlines()[-1].split()
     assert flags[0] == "--method"
     # What --pick prints is what `run` takes.
@@ -128,6 +133,8 @@ def test_chart_command(call, tmp_path):
         (["chart", "rope", "--dtypes", "float16"], "unknown dtype 'float16'"),
         (["chart", "rope", "--substeps", "1,x"], "--substeps must be whole numbers separated by commas"),
         (["chart", "rope", "--iterations", "0"], "iterations must be at least 1"),
+        (["chart", "rope", "--errors", "x"], "--errors must be numbers separated by commas"),
+        (["chart", "rope", "--errors", "-1"], "errors must be a finite number above 0"),
         (["chart", "rope", "--repeat", "0"], "repeat must be at least 1"),
         (["chart", "rope", "--set", "links"], "write NAME=VALUE"),
         (["chart", "--from-csv", "no.csv"], "no.csv"),

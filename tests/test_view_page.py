@@ -325,10 +325,36 @@ def test_colour_by_stretch(open_page):
         page = open_page(server)
         page.pause()
         plain = page.page.locator("#picture").screenshot()
-        page.page.get_by_label("Colour by stretch").check()
+        page.page.get_by_label("Colour").select_option("stretch")
         page.until("!document.querySelector('#legend').hidden")
         assert page.page.locator("#legend").inner_text().count("%") == 2
         assert page.page.locator("#picture").screenshot() != plain
+
+
+def test_colour_by_tension_where_the_method_knows_it(open_page):
+    """What is shown is what `tension` says of the frame that is shown, also of one that was gone back to."""
+    session = session_of("rope")
+    with served(session) as server:
+        page = open_page(server)
+        panel = page.page
+        panel.locator("#method").select_option("jacobi")
+        panel.wait_for_function("() => document.querySelector('#colour [value=tension]').disabled")
+        panel.locator("#method").select_option("direct")
+        panel.wait_for_function("() => !document.querySelector('#colour [value=tension]').disabled")
+        page.frames(20)
+        page.pause()
+        page.until("pbd.shown === pbd.frame && pbd.tension.length > 0")
+        np.testing.assert_allclose(page.get("pbd.tension"), session.sim.tension, rtol=1e-6)
+        plain = panel.locator("#picture").screenshot()
+        panel.get_by_label("Colour").select_option("tension")
+        page.until("!document.querySelector('#legend').hidden")
+        assert panel.locator("#legend").inner_text().split()[1::2] == ["N", "N"]
+        assert panel.locator("#picture").screenshot() != plain
+        frame = page.get("pbd.frame") - 5
+        panel.locator("#rewind").fill(str(frame))
+        page.until(f"pbd.shown === {frame}")
+        np.testing.assert_array_equal(page.get("pbd.tension"), session.frames.at(frame).tension)
+        assert not np.array_equal(session.frames.at(frame).tension, session.sim.tension.astype(np.float32))
 
 
 def test_the_page_lives_with_its_security_policy_and_says_when_the_server_has_ended(open_page):

@@ -300,13 +300,13 @@ def test_frames_between_record_and_stop_are_kept(monkeypatch):
     session.do(1, say.Open("worm", {}, {}))
     clip = session.clip_now()
     assert (clip.name, clip.fps, len(clip.states)) == ("rope", 60.0, 701)
-    np.testing.assert_array_equal([x for x, _ in clip.states], film.frames[10:711])
+    np.testing.assert_array_equal([kept.x for kept in clip.states], film.frames[10:711])
 
 
 def test_without_a_recording_the_last_ten_seconds_are_saved():
     session = open_scene("rope")
     film = Film(session).roll(20)
-    np.testing.assert_array_equal([x for x, _ in session.clip_now().states], film.frames)
+    np.testing.assert_array_equal([kept.x for kept in session.clip_now().states], film.frames)
 
 
 def test_a_recording_that_has_no_more_room_ends_and_says_so(monkeypatch):

@@ -9,12 +9,14 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from pbd_warp.errors import unknown
-from pbd_warp.settings import Settings
-from pbd_warp.step.methods import METHODS
+from pbd_warp.settings import AUTO, Settings
+from pbd_warp.step.methods import METHODS, Direct
 from pbd_warp.table import TableRow, load_table, save_table
 
+NO_METHOD = "none"
 OUTCOMES = ("converged", "not converged", "diverged")
 
 
@@ -22,6 +24,9 @@ OUTCOMES = ("converged", "not converged", "diverged")
 class Row(TableRow):
     """One measured configuration; the fields are the columns of the CSV, in their order.
 
+    method: "none" of an integrator that takes none.
+    substeps: Of a frame; where the integrator chose them, the most that it took in one.
+    error: What it was asked to keep where it chose them [m/s]; 0 where it did not.
     wall_ms_per_sim_second: Median wall time for one simulated second [ms].
     wall_spread: (max - min) / median of the repetitions.
     projections_per_sim_second: Constraint projections for one simulated second [1/s], the same on any hardware.
@@ -37,6 +42,7 @@ class Row(TableRow):
     dtype: str
     substeps: int
     iterations: int
+    error: float
     wall_ms_per_sim_second: float
     wall_spread: float
     projections_per_sim_second: float
@@ -46,12 +52,36 @@ class Row(TableRow):
     outcome: str
 
     @property
+    def name(self) -> str:
+        """Method and integrator in words."""
+        return self.integrator if self.method == NO_METHOD else f"{self.method}, {self.integrator}"
+
+    @property
     def label(self) -> str:
         """What the front is labelled with: LABEL."""
-        return f"{self.substeps}\N{MULTIPLICATION SIGN}{self.iterations}"
+        if self.error > 0.0:
+            return f"{self.error:.0e} m/s"
+        sweeps = self.method not in (NO_METHOD, Direct.name)
+        return f"{self.substeps}" + f"\N{MULTIPLICATION SIGN}{self.iterations}" * sweeps
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The configuration as options of `pbd-warp run`, by name."""
+        chosen = {name: getattr(self, name) for name in CONFIGURATION}
+        if self.method == NO_METHOD:
+            del chosen["method"], chosen["iterations"]
+        if self.error > 0.0:
+            chosen["substeps"] = AUTO
+        else:
+            del chosen["error"]
+        return chosen
 
     def apply(self, settings: Settings) -> Settings:
         """Settings with the row's in their place; its dtype is the model's."""
+        if self.error > 0.0:
+            return settings.keeping(self.error)
+        if self.method == NO_METHOD:
+            return settings.changed(integrator=self.integrator, substeps=self.substeps)
         method = METHODS[self.method](iterations=self.iterations)
         return settings.changed(method=method, integrator=self.integrator, substeps=self.substeps)
 
@@ -62,10 +92,10 @@ class Row(TableRow):
 
 COLUMNS = tuple(Row.parsers())
 
-CONFIGURATION = ("method", "integrator", "substeps", "iterations", "dtype")
+CONFIGURATION = ("method", "integrator", "substeps", "iterations", "error", "dtype")
 """The columns that say how it was simulated."""
 
-LABEL = "substeps\N{MULTIPLICATION SIGN}iterations"
+LABEL = "substeps\N{MULTIPLICATION SIGN}iterations, or the error kept"
 
 
 @dataclass(frozen=True)
@@ -115,7 +145,7 @@ def best_error(rows: Iterable[Row]) -> float:
 
 def flags(row: Row) -> str:
     """The row's configuration as flags of `pbd-warp run`."""
-    return " ".join(f"--{name} {getattr(row, name)}" for name in CONFIGURATION)
+    return " ".join(f"--{name} {value}" for name, value in row.options.items())
 
 
 def failed(row: Row) -> bool:

@@ -80,6 +80,8 @@ def along(line: Sequence[Place]) -> list[Place]:
 
 def emptiest(centres: Sequence[Place], box: Place, taken: Sequence[Place]) -> Place:
     """The centre at which a box keeps farthest from all that is taken; the first of those with room enough."""
+    if not taken:
+        return centres[0]
     gaps = np.abs(np.array(centres)[:, None] - np.array(taken)) - np.array(box) / 2.0  # shape [centres, taken, 2]
     room = np.minimum(np.hypot(*np.moveaxis(np.maximum(gaps, 0.0), -1, 0)).min(axis=1), 0.05)
     return centres[int(room.argmax())]

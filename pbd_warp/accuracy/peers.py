@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pbd_warp.table import TableRow, save_table
+from pbd_warp.table import TableRow, load_table, save_table
 
 OURS = "pbd-warp"
+NAMES = {"mujoco": "MuJoCo", "newton": "Newton", "pypbd": "pyPBD", "pyelastica": "PyElastica"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,11 @@ def save(rows: list[PeerRow], info: dict[str, str], path: str | Path) -> None:
     save_table("a comparison", tuple(PeerRow.parsers()), rows, info, path)
 
 
+def load(path: str | Path) -> tuple[tuple[PeerRow, ...], dict[str, str]]:
+    """Read what `save` wrote: the rows and the info."""
+    return load_table("the comparison", PeerRow, path)
+
+
 def front(rows: tuple[PeerRow, ...], scene: str, peer: str) -> list[PeerRow]:
     """What is best of a peer: ascending in time, strictly descending in error."""
     able = [r for r in rows if r.scene == scene and r.peer == peer and math.isfinite(r.position_error)]
@@ -44,3 +51,10 @@ def front(rows: tuple[PeerRow, ...], scene: str, peer: str) -> list[PeerRow]:
         if not best or row.position_error < best[-1].position_error:
             best.append(row)
     return best
+
+
+def fronts(rows: Sequence[PeerRow]) -> dict[str, list[PeerRow]]:
+    """What is best of each other simulator that got somewhere, on the scene of the rows, by its name."""
+    names = dict.fromkeys(row.peer for row in rows if row.peer != OURS)
+    found = {name: front(tuple(rows), rows[0].scene, name) for name in names}
+    return {name: line for name, line in found.items() if line}

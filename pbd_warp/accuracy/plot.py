@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pbd_warp.accuracy.chart import LABEL, Chart, Row, failed, front
+from pbd_warp.accuracy.chart import Chart, Row, failed, front
 from pbd_warp.accuracy.labels import (
     GREY,
     INK,
@@ -22,6 +22,9 @@ from pbd_warp.accuracy.labels import (
     write,
     write_beside,
 )
+from pbd_warp.accuracy.marks import colours, keys, kind, look, shapes
+from pbd_warp.accuracy.peers import NAMES, PeerRow, fronts
+from pbd_warp.accuracy.title import seen, seen_of_peers
 from pbd_warp.atomic import replacing
 from pbd_warp.errors import InputError
 from pbd_warp.paths import check_file
@@ -34,15 +37,8 @@ if TYPE_CHECKING:
 # The picture: sizes in inches.
 
 WIDTH, PANEL_WIDTH, PANEL_HEIGHT = 11.0, 4.85, 4.6
-LEFT, GAP, TOP = 0.75, 0.25, 0.5
+LEFT, GAP, TOP = 0.75, 0.25, 0.85
 LINE = 0.17  # from one line of small type to the next
-
-# Okabe and Ito's colours, told apart by colour-blind readers; a method or integrator not listed gets a spare one.
-COLOURS = {"jacobi": "#0072B2", "gauss-seidel": "#009E73", "chebyshev": "#CC79A7", "direct": "#D55E00"}
-SPARE_COLOURS = ("#E69F00", "#56B4E9", "#000000")
-SHAPES = {"pbd": "o", "bdf2": "s", "midpoint": "^", "midpoint4": "D"}
-SPARE_SHAPES = ("v", "P", "p", "<", ">")
-FAINT = 0.35  # opacity of what did not converge
 
 PANELS = {
     "wall": ("wall_ms_per_sim_second", "wall time for one simulated second [ms]"),
@@ -63,45 +59,54 @@ def check_picture(path: str | Path) -> str:
     return form
 
 
-def draw(chart: Chart, path: str | Path) -> None:
+def draw(chart: Chart, path: str | Path, peers: Sequence[PeerRow] = ()) -> None:
     """Draw the chart as SVG or PNG, by the suffix of `path`; the same chart gives the same SVG, byte for byte.
 
-    A group of the SVG holds the rows that look alike and is named after them: `wall-diverged-direct-midpoint-float64`.
+    A group of the SVG holds the rows that look alike and is named after them: `wall-diverged-direct-midpoint-float64`;
+    with `-rest` at its end those that are on no method's own front.
+
+    Args:
+        peers: Rows of other simulators on the same scene, drawn as grey lines.
     """
     form = check_picture(path)
     import matplotlib.style
     from matplotlib.figure import Figure
 
-    look: dict[str, Any] = {
+    style: dict[str, Any] = {
         "svg.hashsalt": "pbd-warp",
         "svg.fonttype": "none",
         "font.size": 9.0,
         "axes.edgecolor": GREY,
     }
-    with matplotlib.style.context(["default", look]):  # whatever the user's own settings
-        notes = _notes(chart.info)
-        keys = _keys(chart.rows)
-        below = 0.72 + LINE * (1.0 + math.ceil(max(len(handles) for _, handles in keys) / 2) + len(notes))
+    with matplotlib.style.context(["default", style]):  # whatever the user's own settings
+        notes = _notes(chart.info, peers)
+        legends = keys(chart.rows, bool(peers))
+        below = 0.72 + LINE * (1.0 + math.ceil(max(len(handles) for _, handles in legends) / 2) + len(notes))
         height = TOP + PANEL_HEIGHT + below
         figure = Figure(figsize=(WIDTH, height))
-        errors = Scale.of(row.position_error for row in chart.rows if not failed(row))
+        others = fronts(peers)
+        reached = [row.position_error for row in chart.rows if not failed(row)]
+        errors = Scale.of([*reached, *(row.position_error for line in others.values() for row in line)])
         for index, panel in enumerate(PANELS):
             left = LEFT + index * (PANEL_WIDTH + GAP)
             axes = figure.add_axes((left / WIDTH, below / height, PANEL_WIDTH / WIDTH, PANEL_HEIGHT / height))
-            _panel(axes, chart.rows, panel, errors)
+            _panel(axes, chart.rows, panel, errors, others if panel == "wall" else {})
             axes.tick_params(labelleft=index == 0)
         figure.axes[0].set_ylabel("position error [m]")
-        title = ", ".join(dict.fromkeys(row.scene for row in chart.rows))
-        figure.text(LEFT / WIDTH, 1.0 - 0.3 / height, title, size=13, weight="bold", color=INK)
-        _write_below(figure, keys, notes, below / height)
+        title = f"{', '.join(dict.fromkeys(row.scene for row in chart.rows))}: {seen(chart.rows)}"
+        for index, text in enumerate([*textwrap.wrap(title, 112)[:2], seen_of_peers(peers)]):
+            figure.text(LEFT / WIDTH, 1.0 - (0.25 + 0.22 * index) / height, text, size=10.5, weight="bold", color=INK)
+        _write_below(figure, legends, notes, below / height)
         with replacing(Path(path)) as temporary:
             figure.savefig(temporary, format=form, dpi=150, metadata={"Date": None} if form == "svg" else None)
 
 
-def _panel(axes: Axes, rows: Sequence[Row], panel: str, errors: Scale) -> None:
-    """One panel: every row, the front, the guides, the float32 floor, and what the strips at the edges hold."""
+def _panel(axes: Axes, rows: Sequence[Row], panel: str, errors: Scale, peers: Mapping[str, Sequence[PeerRow]]) -> None:
+    """One panel: every row, strong on its method's own front and faint elsewhere, the front of all, other simulators,
+    the guides, the float32 floor, and what the strips at the edges hold."""
     cost, label = PANELS[panel]
-    costs = Scale.of(getattr(row, cost) for row in rows)
+    others = [row.wall_ms_per_sim_second for line in peers.values() for row in line]
+    costs = Scale.of([*(getattr(row, cost) for row in rows), *others])
     axes.set(xscale="log", yscale="log", xlim=costs.limits, ylim=errors.limits, xlabel=label)
     axes.grid(color=PALE, linewidth=0.6)
     axes.set_axisbelow(True)
@@ -110,23 +115,32 @@ def _panel(axes: Axes, rows: Sequence[Row], panel: str, errors: Scale) -> None:
     def place(row: Row) -> Place:
         return costs.place(getattr(row, cost)), errors.place(math.inf if failed(row) else row.position_error)
 
-    colours, shapes = _colours(rows), _shapes(rows)
+    colour, shape = colours(rows), shapes(rows)
+    own_fronts = {method: front((row for row in rows if row.method == method), cost) for method in colour}
+    own = {id(row) for line in own_fronts.values() for row in line}
     groups: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
-        groups.setdefault((_kind(row), row.method, row.integrator, row.dtype), []).append(row)
-    for (kind, method, integrator, dtype), group in groups.items():
-        look = _look(kind, colours[method], shapes[integrator], dtype)
-        name = "-".join((panel, kind, method, integrator, dtype)).replace(" ", "-")
-        _plot(axes, [place(row) for row in group], name, **look)
-        if panel == "wall" and kind != "diverged":
-            _spreads(axes, group, costs, errors, look)
+        rest = "" if failed(row) or id(row) in own else "rest"
+        groups.setdefault((kind(row), row.method, row.integrator, row.dtype, rest), []).append(row)
+    for (outcome, method, integrator, dtype, rest), group in groups.items():
+        looks = look(outcome, colour[method], shape[integrator], dtype, not rest)
+        name = "-".join(filter(None, (panel, outcome, method, integrator, dtype, rest))).replace(" ", "-")
+        _plot(axes, [place(row) for row in group], name, **looks)
+        if panel == "wall" and outcome != "diverged" and not rest:
+            _spreads(axes, group, costs, errors, looks)
+    for method, line in own_fronts.items():
+        places = [place(row) for row in line]
+        _plot(axes, places, f"{panel}-own-front-{method}", color=colour[method], linewidth=0.7, zorder=2.2)
 
     best = front(rows, cost)
-    line = [place(row) for row in best]
-    taken = [*map(place, rows), *along(line)]
-    if line:
-        _plot(axes, line, f"{panel}-front", color=INK, linewidth=1.1, zorder=2)
-        taken += _name_front(axes, best, line)
+    places = [place(row) for row in best]
+    taken = [*(place(row) for row in rows if id(row) in own), *along(places)]
+    for name, theirs in peers.items():
+        at = [(costs.place(row.wall_ms_per_sim_second), errors.place(row.position_error)) for row in theirs]
+        taken += _peer(axes, NAMES[name], at)
+    if places:
+        _plot(axes, places, f"{panel}-front", color=INK, linewidth=1.1, zorder=2)
+        taken += _name_front(axes, best, places)
         taken += _guides(axes, costs, errors, taken, panel)
     reached = [row.position_error for row in rows if row.dtype == "float32" and not failed(row)]
     if reached:
@@ -137,49 +151,6 @@ def _panel(axes: Axes, rows: Sequence[Row], panel: str, errors: Scale) -> None:
         shade_strip(axes, 1.0 - Scale.STRIP, "diverged", taken)
     if any(row.position_error <= 0.0 and not failed(row) for row in rows):
         shade_strip(axes, 0.0, "no error", taken)
-
-
-def _kind(row: Row) -> str:
-    return "diverged" if failed(row) else row.outcome
-
-
-def _colours(rows: Iterable[Row]) -> dict[str, str]:
-    return _assign(COLOURS, SPARE_COLOURS, {row.method for row in rows})
-
-
-def _shapes(rows: Iterable[Row]) -> dict[str, str]:
-    return _assign(SHAPES, SPARE_SHAPES, {row.integrator for row in rows})
-
-
-def _assign(known: dict[str, str], spare: Sequence[str], names: set[str]) -> dict[str, str]:
-    """A colour or shape for each name, known names first, so that a name looks alike in every chart."""
-    others = sorted(names - known.keys())
-    signs = {name: sign for name, sign in known.items() if name in names}
-    return signs | {name: spare[index % len(spare)] for index, name in enumerate(others)}
-
-
-def _look(kind: str, colour: str, shape: str, dtype: str) -> dict[str, Any]:
-    """How rows are drawn. Hollow is larger than filled: of two in one place both are seen."""
-    if kind == "diverged":
-        return {
-            "marker": "x",
-            "color": colour,
-            "linestyle": "none",
-            "markersize": 5.5,
-            "markeredgewidth": 1.1,
-            "zorder": 3,
-        }
-    hollow = dtype == "float32"
-    return {
-        "marker": shape,
-        "color": colour,
-        "linestyle": "none",
-        "markerfacecolor": "none" if hollow else colour,
-        "markersize": 7.5 if hollow else 4.5,
-        "markeredgewidth": 0.9 if hollow else 0.0,
-        "alpha": FAINT if kind == "not converged" else 1.0,
-        "zorder": 3 if kind == "not converged" else 4,
-    }
 
 
 def _plot(axes: Axes, places: Sequence[Place], name: str, **look: Any) -> None:
@@ -202,15 +173,38 @@ def _spreads(axes: Axes, rows: Iterable[Row], costs: Scale, errors: Scale, look:
         _plot(axes, bars, "", color=look["color"], alpha=0.6 * look["alpha"], linewidth=0.9, zorder=2.5)
 
 
+def _peer(axes: Axes, name: str, line: list[Place]) -> list[Place]:
+    """Another simulator's front, with its name at the accurate end."""
+    _plot(axes, line, f"wall-peer-{name}", color=GREY, linewidth=2.0, alpha=0.6, zorder=2.0)
+    x, y = line[-1]
+    write(axes, x, y - 0.012, name, ha="center", va="top", color=GREY, weight="bold")
+    return [*along(line), (x, y - 0.02)]
+
+
 def _name_front(axes: Axes, best: Sequence[Row], line: Sequence[Place]) -> list[Place]:
-    """Write the labels below and left of rows of the front, where no row can be; leave out what collides."""
-    named: list[Place] = []
-    paper = {"facecolor": "white", "linewidth": 0.0, "pad": 0.3}  # hides the float32 floor behind the text
-    for row, (x, y) in zip(best, line, strict=True):
-        if all(abs(x - other_x) > 0.08 or abs(y - other_y) > 0.035 for other_x, other_y in named):
-            write(axes, x - 0.012, y - 0.007, row.label, ha="right", va="top", zorder=1.8, bbox=paper)
-            named.append((x, y))
-    return [(x - 0.04, y - 0.025) for x, y in named]
+    """Write beside the rows of the front what they are, where no row can be: below and left of them. Where method or
+    integrator change their names too. What collides is left out, names last."""
+    paper = {
+        "facecolor": "white",
+        "linewidth": 0.0,
+        "pad": 0.3,
+        "alpha": 0.8,
+    }  # hides the float32 floor behind the text
+    turns = [k for k in range(len(best)) if k == 0 or best[k].name != best[k - 1].name]
+    named: list[tuple[float, float, float]] = []  # right end, height, width
+    for k in [*turns, *(k for k in range(len(best)) if k not in turns)]:
+        text = f"{best[k].name} {best[k].label}" if k in turns else best[k].label
+        x, y, width = line[k][0], line[k][1], 0.0105 * len(text)
+        outside = x - width < 0.0
+        if outside and k == 0:  # no room on the left
+            write(axes, x + 0.012, y + 0.012, text, ha="left", va="bottom", zorder=1.8, bbox=paper)
+        elif not outside and all(
+            x < left_of - other_width or x - width > left_of or abs(y - other_y) > 0.03
+            for left_of, other_y, other_width in named
+        ):
+            write(axes, x - 0.012, y - 0.007, text, ha="right", va="top", zorder=1.8, bbox=paper)
+            named.append((x, y, width))
+    return [(x - width * part, y - 0.02) for x, y, width in named for part in (0.25, 0.5, 0.75, 1.0)]
 
 
 def _guides(axes: Axes, costs: Scale, errors: Scale, taken: Sequence[Place], panel: str) -> list[Place]:
@@ -232,38 +226,12 @@ def _guides(axes: Axes, costs: Scale, errors: Scale, taken: Sequence[Place], pan
     return used
 
 
-def _keys(rows: Sequence[Row]) -> list[tuple[str, list[Line2D]]]:
-    """What the colours, shapes and marks in use mean: titles, each with its handles."""
-    from matplotlib.lines import Line2D
-
-    def key(label: str, **look: Any) -> Line2D:
-        base: dict[str, Any] = {"linestyle": "none", "color": GREY, "markersize": 5.5, "markeredgewidth": 0.0}
-        return Line2D([], [], label=label, **(base | look))
-
-    dtypes, kinds = {row.dtype for row in rows}, set(map(_kind, rows))
-    marks = [
-        ("float32" in dtypes, key("float32", **_look("converged", GREY, "o", "float32"))),
-        (dtypes != {"float32"}, key("float64", marker="o")),
-        ("not converged" in kinds, key("not converged", marker="o", alpha=FAINT)),
-        ("diverged" in kinds, key("diverged, at the top edge", **_look("diverged", GREY, "", ""))),
-        (
-            kinds != {"diverged"},
-            key(f"Pareto front, as {LABEL}", linestyle="-", color=INK),
-        ),
-        (any(row.wall_spread > 0.0 for row in rows), key("spread of the repetitions", linestyle="-", linewidth=0.9)),
-    ]
-    return [
-        ("Method", [key(name, marker="o", color=colour) for name, colour in _colours(rows).items()]),
-        ("Integrator", [key(name, marker=shape) for name, shape in _shapes(rows).items()]),
-        ("Mark", [handle for shown, handle in marks if shown]),
-    ]
-
-
-def _notes(info: dict[str, str]) -> list[str]:
+def _notes(info: dict[str, str], peers: Sequence[PeerRow]) -> list[str]:
     """The small type under the picture, in lines that fit its width."""
     made = "; ".join(info[name] for name in ("machine", "versions", "date") if info.get(name))
     reference = f"Error against: {info['reference']}" if info.get("reference") else ""
-    return [line for text in (reference, made) for line in textwrap.wrap(text, 180)]
+    unable = "; ".join(f"{NAMES[row.peer]}: {row.outcome.split(': ', 1)[-1]}" for row in peers if row.steps == 0)
+    return [line for text in (reference, made, unable) for line in textwrap.wrap(text, 180)]
 
 
 def _write_below(figure: Figure, keys: list[tuple[str, list[Line2D]]], notes: list[str], below: float) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import warp as wp
 
 from pbd_warp import check
-from pbd_warp.accuracy.chart import Chart, Row
+from pbd_warp.accuracy.chart import NO_METHOD, Chart, Row
 from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.grab.controller import play
 from pbd_warp.grab.drag import Drag
@@ -25,7 +25,7 @@ from pbd_warp.model.model import Model
 from pbd_warp.scene import Scene
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import STRETCHED, Limits
-from pbd_warp.step.integrators import INTEGRATORS
+from pbd_warp.step.integrators import ESTIMATING, EXPLICIT, INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, Jacobi
 from pbd_warp.version import __version__
 from pbd_warp.workers import Lost, Pool, ThisProcess, alone_on_a_core
@@ -36,23 +36,31 @@ SECONDS = 1.0
 FINER = 16
 """A scene without an exact reference is compared with itself at so many times the substeps, in float64."""
 
-SLOWEST = 4.0
-"""A configuration that takes longer than this many seconds for a simulated one is not repeated."""
+FLOAT32_ERROR = 1e-6
+"""Less is no error that float32 could keep [m/s]: steps without end, of which each is rounded."""
+
+ENOUGH = 1.0
+"""Repetitions stop after this many seconds."""
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """What to combine. Direct iterates to its tolerance, so `iterations` are for the other methods."""
+    """What to combine. Direct iterates to its tolerance, so `iterations` are for the other methods; an integrator that
+    takes no method makes steps of the same numbers, and those that keep `errors` [m/s]."""
 
     methods: Sequence[str] = tuple(METHODS)
-    integrators: Sequence[str] = tuple(INTEGRATORS)
+    integrators: Sequence[str] = (*INTEGRATORS, *EXPLICIT)
     substeps: Sequence[int] = (1, 2, 4, 8, 16, 32, 64)
     iterations: Sequence[int] = (1, 4, 16)
+    errors: Sequence[float] = tuple(10.0**-k for k in range(1, 13))
     dtypes: Sequence[str] = ("float32", "float64")
     repeat: int = 5
 
     def __post_init__(self) -> None:
-        for kind, names, known in (("method", self.methods, METHODS), ("integrator", self.integrators, INTEGRATORS)):
+        for kind, names, known in (
+            ("method", self.methods, METHODS),
+            ("integrator", self.integrators, {**INTEGRATORS, **EXPLICIT}),
+        ):
             for name in names:
                 if name not in known:
                     raise unknown(kind, name, known)
@@ -62,15 +70,26 @@ class Sweep:
         for name in ("substeps", "iterations"):
             for value in getattr(self, name):
                 check.whole(name, value, low=1)
+        for value in self.errors:
+            check.number("errors", value, above=0.0)
         check.whole("repeat", self.repeat, low=1)
 
     def configurations(self, scene: Scene) -> list[Scene]:
         """The scene in all combinations that it can be simulated in."""
+        looping = [name for name in self.integrators if name in INTEGRATORS]
+        explicit = [name for name in self.integrators if name in EXPLICIT]
         return [
             scene.changed(method=method, integrator=integrator, substeps=substeps)
             for name in self.methods
             for method in self._methods(name)
-            for integrator, substeps in product(self.integrators, self.substeps)
+            for integrator, substeps in product(looping, self.substeps)
+        ] + [
+            scene.changed(settings=settings)
+            for integrator in explicit
+            for settings in (
+                *(scene.settings.changed(integrator=integrator, substeps=substeps) for substeps in self.substeps),
+                *(scene.settings.keeping(error) for error in self.errors if integrator in ESTIMATING),
+            )
         ]
 
     def _methods(self, name: str) -> list[Any]:
@@ -101,7 +120,11 @@ def sweep_scene(
     frames = round(SECONDS * scene.fps)
     model = scene.builder.finalize(device, "float64")
     reference, text = _reference(scene, model, frames)
-    todo = list(product(sweep.configurations(scene), sweep.dtypes))
+    todo = [
+        (configuration, dtype)
+        for configuration, dtype in product(sweep.configurations(scene), sweep.dtypes)
+        if dtype != "float32" or (configuration.settings.error or np.inf) >= FLOAT32_ERROR
+    ]
     judged: dict[int, Row | InputError] = {}
     for number, row in pool.run(_Judge(device, reference, frames), todo, tick):
         if isinstance(row, Lost):
@@ -123,7 +146,7 @@ def sweep_scene(
         raise InputError(f"scene {scene.name} can be simulated in none of these configurations: {refusal}")
     info = {
         "reference": text,
-        "measured": f"{frames} frames at {scene.fps:g} frames/s, {sweep.repeat} repetitions, median",
+        "measured": f"{frames} frames at {scene.fps:g} frames/s, {sweep.repeat} repetitions or {ENOUGH:g} s, median",
         "timed": "after all else, one at a time on one core",
         **provenance(model.device),
     }
@@ -186,12 +209,15 @@ class _Judge:
         except InputError as refused:
             return InputError(str(refused))
         before = measure(sim).energy
-        stretch, iterations, unconverged, outcome = 0.0, 0, 0, "converged"
+        explicit = EXPLICIT.get(sim.settings.integrator)
+        solutions = len(explicit.tableau.b) + 2 if explicit else 0  # a step: its stages, and the two that project
+        stretch, iterations, most, unconverged, outcome = 0.0, 0, 0, 0, "converged"
         error = drift = float("nan")
         try:
             for _ in play(sim, Drag(scene.drag), self.frames):
                 stretch = max(stretch, measure(sim).max_stretch)
-                iterations += sim.iterations_used
+                iterations += solutions * sim.substeps_used if explicit else sim.iterations_used
+                most = max(most, sim.substeps_used)
                 unconverged += sim.unconverged or 0
             error = float(np.sqrt(np.mean(np.sum((sim.state.x.numpy() - self.reference) ** 2, axis=1))))
             drift = measure(sim).energy - before
@@ -202,11 +228,12 @@ class _Judge:
             outcome = "diverged"
         return Row(
             scene=scene.name,
-            method=scene.settings.method.name,
+            method=NO_METHOD if explicit else scene.settings.method.name,
             integrator=scene.settings.integrator,
             dtype=dtype,
-            substeps=scene.settings.steps_a_frame,
-            iterations=scene.settings.method.iterations,
+            substeps=max(most, scene.settings.steps_a_frame),
+            iterations=0 if explicit else scene.settings.method.iterations,
+            error=scene.settings.error or 0.0,
             wall_ms_per_sim_second=float("nan"),
             wall_spread=float("nan"),
             projections_per_sim_second=_projections(sim, iterations) / SECONDS,
@@ -222,11 +249,14 @@ def _time(row: Row, sim: Simulation, scene: Scene, frames: int, repeat: int) -> 
     if row.outcome == "diverged":
         return row
     walls: list[float] = []
-    while len(walls) < repeat and (not walls or walls[-1] <= 1e3 * SLOWEST):
+    while len(walls) < repeat and sum(walls) < 1e3 * ENOUGH:
         sim.reset()
         start = time.perf_counter()
-        for _ in play(sim, Drag(scene.drag), frames):
-            pass
+        if scene.drag:
+            for _ in play(sim, Drag(scene.drag), frames):
+                pass
+        else:
+            sim.step(frames=frames)
         wp.synchronize_device(sim.model.device)
         walls.append(1e3 * (time.perf_counter() - start) / SECONDS)
     wall = statistics.median(walls)
@@ -234,7 +264,8 @@ def _time(row: Row, sim: Simulation, scene: Scene, frames: int, repeat: int) -> 
 
 
 def _projections(sim: Simulation, iterations: int) -> float:
-    """Constraints evaluated, counting one a particle where there are only contacts.
+    """Constraints evaluated, counting one a particle where there are only contacts; of an explicit integrator, each
+    solution of the linear equations counts as one of all of them.
 
     Direct counts the iterations of every path, so its constraints are shared out among the paths.
     """

@@ -21,6 +21,7 @@ from pbd_warp.cli.options import (
     Set,
     Workers,
     comma_list,
+    number_list,
     scene_file,
     scene_with,
     whole_list,
@@ -46,6 +47,9 @@ def chart(
     substeps: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(map(str, Sweep.substeps)),
     iterations: Annotated[str, typer.Option(help="Comma-separated; not for direct.")] = ",".join(
         map(str, Sweep.iterations)
+    ),
+    errors: Annotated[str, typer.Option(help="Of dop853 [m/s], comma-separated.")] = ",".join(
+        f"{error:g}" for error in Sweep.errors
     ),
     dtypes: Annotated[str, typer.Option(help="Comma-separated.")] = ",".join(Sweep.dtypes),
     repeat: Annotated[int, typer.Option(help="Timed repetitions.")] = Sweep.repeat,
@@ -74,6 +78,7 @@ def chart(
                 comma_list(integrators),
                 whole_list("substeps", substeps),
                 whole_list("iterations", iterations),
+                number_list("errors", errors),
                 comma_list(dtypes),
                 repeat,
             )

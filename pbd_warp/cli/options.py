@@ -34,6 +34,9 @@ Every = Annotated[int, typer.Option(help="Frames from checkpoint to checkpoint."
 Resume = Annotated[bool, typer.Option("--resume", help="Go on from the checkpoint.")]
 Set = Annotated[list[str] | None, typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the scene.")]
 Seed = Annotated[int | None, typer.Option(help="For scenes with something random in them.")]
+Tension = Annotated[
+    bool, typer.Option("--tension", help="Write primvars:tension of the curves [N] too; method direct knows it.")
+]
 Workers = Annotated[
     int | None, typer.Option(help="Processes that share the work; as many as there are cores unless given.")
 ]
@@ -120,3 +123,10 @@ def whole_list(name: str, text: str) -> tuple[int, ...]:
         return tuple(int(item) for item in comma_list(text))
     except ValueError:
         raise InputError(f"--{name} must be whole numbers separated by commas, not {text!r}") from None
+
+
+def number_list(name: str, text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(item) for item in comma_list(text))
+    except ValueError:
+        raise InputError(f"--{name} must be numbers separated by commas, not {text!r}") from None

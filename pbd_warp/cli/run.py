@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from pbd_warp import check
+from pbd_warp.accuracy.agreement import Agreement, agree
 from pbd_warp.accuracy.chart import CONFIGURATION, Row, best_error, flags, load
 from pbd_warp.accuracy.chart import pick as pick_row
 from pbd_warp.accuracy.sweep import charts_folder
@@ -25,6 +26,7 @@ from pbd_warp.cli.options import (
     SceneName,
     Seed,
     Set,
+    Tension,
     scene_file,
     scene_with,
     takes_settings,
@@ -51,6 +53,7 @@ def run_scene(
     out: Annotated[
         Path | None, typer.Option(help="SCENE.usda unless given; .usda, .usdc, .usd; .html, .mp4, .gif to look at.")
     ] = None,
+    tension: Tension = False,
     up: Annotated[str, typer.Option(help="Axis that is up in the file: y or z.")] = "y",
     frames: Frames = None,
     device: Device = None,
@@ -59,7 +62,7 @@ def run_scene(
     set_: Set = None,
     accuracy: Annotated[
         float | None,
-        typer.Option(help="Take the fastest settings that the scene's chart has within this error [m]."),
+        typer.Option(help="Settings within this error [m] after a second: its chart's fastest, or found by trying."),
     ] = None,
     checkpoint: Checkpoint = None,
     every: Every = Checkpoints.every,
@@ -78,10 +81,16 @@ def run_scene(
         if accuracy is not None:
             if changes.keys() & set(CONFIGURATION) or dtype is not None:
                 raise InputError(f"--accuracy chooses {', '.join(CONFIGURATION)}: leave those out")
-            row = _pick_for(built, accuracy)
-            dtype = row.dtype
-            built = built.changed(settings=row.apply(built.settings))
-            tell(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
+            accuracy = check.number("--accuracy", accuracy, above=0.0)
+            charted = charts_folder() / f"{built.name}.csv"
+            as_charted = not (changes or set_ or scene_file(scene)) and charted.is_file()
+            row = pick_row(load(charted).rows, accuracy) if as_charted else None
+            if row is not None:
+                built, dtype = built.changed(settings=row.apply(built.settings)), row.dtype
+                tell(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
+            else:
+                found = _agree(built, accuracy, device, load(charted).rows if as_charted else ())
+                built, dtype = built.changed(settings=found.settings), "float64"
         recording = None
         if drags is not None:
             if changes or any(given is not None for given in (dtype, seed, set_ or None, accuracy)):
@@ -95,7 +104,7 @@ def run_scene(
         with progress_bar(built.name) as advance, interruptible() as stop_if_asked:
             hooks = hooks_of(checkpoint, every, resume, lambda done: (advance(done, built.frames), stop_if_asked()))
             hooks = replace(hooks, on_drawn=lambda done, of: (advance(done, of), stop_if_asked()))
-            result = run(built, path, device, dtype or "float32", hooks, recording, up.upper())
+            result = run(built, path, device, dtype or "float32", hooks, recording, up.upper(), tension)
         if stats is not None:
             result.save(stats)
         tell(table(result))
@@ -111,19 +120,21 @@ def check_out(out: Path) -> Path:
     return check_path(out)
 
 
-def _pick_for(scene: Scene, accuracy: float) -> Row:
-    """The fastest settings within an error on the chart that comes with the project."""
-    path = charts_folder() / f"{scene.name}.csv"
-    if not path.is_file():
-        raise InputError(f"there is no chart of scene {scene.name}: make one with pbd-warp chart, and use its --pick")
-    made = load(path)
-    row = pick_row(made.rows, check.number("--accuracy", accuracy, above=0.0))
-    if row is None:
-        best = best_error(made.rows)
-        raise InputError(
-            f"no settings on the chart of scene {scene.name} are within {accuracy:g} m; best: {best:.2g} m"
-        )
-    return row
+def _agree(scene: Scene, accuracy: float, device: str | None, rows: Sequence[Row]) -> Agreement:
+    """Settings within an accuracy that no chart has, told."""
+    try:
+        found = agree(scene, accuracy, device)
+    except InputError as error:
+        if rows:
+            chart = f"no settings on the chart of scene {scene.name} are within {accuracy:g} m, best: "
+            chart += f"{best_error(rows):.2g} m"
+        else:
+            chart = f"scene {scene.name} comes with no chart (pbd-warp chart makes one, and has --pick)"
+        raise InputError(f"{chart}; and {error}") from None
+    whole = found.until >= (scene.frames - 1) / scene.fps
+    within = "all along" if whole else f"up to {found.until:.3g} s, later the motion makes more of it"
+    tell(f"--accuracy {accuracy:g}: {found.flags} (off by {found.off:.2g} m in the first second; within it {within})")
+    return found
 
 
 def written(out: Path, checkpoint: Path | None, stats: Path | None) -> dict[str, list[Path]]:

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from pbd_warp.cli.app import command
-from pbd_warp.cli.options import Checkpoint, Debug, Device, Dtype, Every, Resume, takes_settings
+from pbd_warp.cli.options import Checkpoint, Debug, Device, Dtype, Every, Resume, Tension, takes_settings
 from pbd_warp.cli.run import hooks_of, table, written
 from pbd_warp.cli.terminal import interruptible, one_sentence, tell, warn
 from pbd_warp.curves import Material, StageHooks, load_stage, simulate
@@ -52,6 +52,7 @@ def simulate_stage(
         float | None, typer.Option(help="Against the up axis [m/s^2]; the stage's physics scene's unless given. [9.81]")
     ] = None,
     flatten: Annotated[bool, typer.Option("--flatten", help="Write one self-contained file.")] = False,
+    tension: Tension = False,
     frames: Annotated[int | None, typer.Option(help="Frames to write; the stage's range unless given.")] = None,
     fps: Annotated[
         float | None, typer.Option(help="Frames a second; the stage's timeCodesPerSecond unless given.")
@@ -102,7 +103,8 @@ def simulate_stage(
             source = source.changed(settings=source.scene.settings.with_options(changes))
             clock.total = source.timeline.frames
             hooks = hooks_of(checkpoint, every, resume, frame_done)
-            result = simulate(source, out, flatten, StageHooks(**vars(hooks), on_note=warn, on_phase=begin), strict)
+            told = StageHooks(**vars(hooks), on_note=warn, on_phase=begin)
+            result = simulate(source, out, flatten, told, strict, tension)
             clock.begin("")
         if stats is not None:
             result.save(stats)

@@ -16,6 +16,7 @@ from pbd_warp.curves.primvars import Primvars
 from pbd_warp.curves.sampling import Sampling
 from pbd_warp.curves.skinning import Skinning
 from pbd_warp.errors import InputError, SimulationFailed
+from pbd_warp.usd.tension import AlongCurves, usd_floats
 
 WIDTH = 0.01
 """Diameter [m] of curves that have no widths."""
@@ -73,6 +74,11 @@ class Curves:
     def attributes(self) -> tuple[str, ...]:
         """The names of what `frame` gives."""
         return ("points", "velocities", "extent", *(("tangents",) if self._tangents else ()))
+
+    def tension(self, links: np.ndarray) -> Vt.FloatArray:
+        """Of its links [N], as the values of `primvars:tension`, "varying"; 0 of curves that are left."""
+        points = AlongCurves(self.sampling.edges, self.sampling.count)(links)
+        return usd_floats(self.sampling.to_varying(points))
 
     def leave(self, reasons: dict[int, str]) -> None:
         """Leave some curves as they are.

@@ -12,6 +12,7 @@ from pbd_warp.curves.attributes import check_types
 from pbd_warp.curves.scene import StageScene
 from pbd_warp.curves.skinning import unbind
 from pbd_warp.errors import InputError
+from pbd_warp.usd.tension import PRIMVAR, define_tension
 
 ATTRIBUTES = {
     "points": Sdf.ValueTypeNames.Point3fArray,
@@ -50,8 +51,8 @@ def override_layer(source: StageScene, out: Path, metadata: Mapping[str, str | i
     return stage
 
 
-def flattened(source: StageScene, metadata: Mapping[str, str | int | float]) -> Usd.Stage:
-    """The whole input as one layer in memory, without what the simulation replaces.
+def flattened(source: StageScene, metadata: Mapping[str, str | int | float], tension: bool = False) -> Usd.Stage:
+    """The whole input as one layer in memory, without what the simulation replaces; tension: of those too.
 
     Raises:
         InputError: an attribute anywhere of another type than it should have, which would not open again.
@@ -66,17 +67,19 @@ def flattened(source: StageScene, metadata: Mapping[str, str | int | float]) -> 
     stage = Usd.Stage.Open(layer)
     _describe(stage, source)
     for curves in source.curves:
-        for name in curves.attributes:
+        for name in (*curves.attributes, *((PRIMVAR, f"{PRIMVAR}:indices") if tension else ())):
             stage.GetPrimAtPath(curves.path).RemoveProperty(name)
     return stage
 
 
-def animated_attributes(stage: Usd.Stage, source: StageScene) -> list[Usd.Attribute]:
-    """What gets a value a frame: the attributes of each prim, one prim after the other."""
+def animated_attributes(stage: Usd.Stage, source: StageScene, tension: bool = False) -> list[Usd.Attribute]:
+    """What gets a value a frame: the attributes of each prim, with its tensions last, one prim after the other."""
     attributes = []
     for curves in source.curves:
         prim = stage.OverridePrim(curves.path)
         attributes += [prim.CreateAttribute(name, ATTRIBUTES[name], False) for name in curves.attributes]
+        if tension:
+            attributes.append(define_tension(prim))
         _block_what_is_no_longer_true(stage, curves.prim)
         if curves.skinning:
             unbind(stage, curves.path)

@@ -55,16 +55,21 @@ class Playback:
             sim.lead(np.concatenate([index for _, index in self._moving]), places - self._source.origin)
         return sim
 
-    def frame(self, frame: int, state: State) -> list[Any]:
-        """Values of the animated attributes, prim by prim, at a frame of that state."""
+    def frame(self, frame: int, state: State, tension: np.ndarray | None = None) -> list[Any]:
+        """Values of the animated attributes, prim by prim, at a frame of that state; tension: of all distances [N], as
+        the last value of each prim."""
         timeline = self._source.timeline
         before = self.time_code(frame - 1) if frame > 0 else None
         displacement = state.x.numpy().astype(np.float64) - self._x_start
         self.moved = self.moved or bool(np.abs(displacement[self._free]).max(initial=0.0) > self._still)
         v = state.v.numpy().astype(np.float64)
         values: list[Any] = []
+        link = 0
         for curves, span in zip(self._source.curves, self._ranges, strict=True):
             values += curves.frame(displacement[span], v[span], self.time_code(frame), before, timeline.fps)
+            if tension is not None:
+                first, link = link, link + len(curves.sampling.edges)
+                values.append(curves.tension(tension[first:link]))
         return values
 
     def why_still(self) -> str:
@@ -77,11 +82,14 @@ class Playback:
             return "there is no gravity, and no pinned point moves"
         return "the curves hang at rest, and no pinned point moves"
 
-    def failed(self, state: State) -> dict[str, set[int]]:
-        """Which curves a frame that failed shows as broken, by path of the prim."""
+    def failed(self, sim: Simulation) -> dict[str, set[int]]:
+        """Which curves a frame that failed shows as broken, or in which Newton's method did not converge then, by path
+        of the prim."""
         distance = self._model.distance
-        x = state.x.numpy().astype(np.float64)
+        x = sim.state.x.numpy().astype(np.float64)
         bad = ~np.isfinite(x).all(axis=1)
+        if sim.settings.on_failure != "continue":
+            bad |= sim.missed > 0
         with np.errstate(all="ignore"):
             stretched = ~(np.abs(distance.residual(x)) <= FAILED * distance.rest_length)
         bad[distance.edge[stretched].ravel()] = True
@@ -91,6 +99,15 @@ class Playback:
             if numbers.size:
                 found[curves.path] = set(numbers.tolist())
         return found
+
+    def least_converged(self, sim: Simulation) -> str:
+        """The curve in which Newton's method failed most often, in words; empty where it never did."""
+        missed = sim.missed
+        if not missed.any():
+            return ""
+        worst = int(np.argmax(missed))
+        curve = self._name([worst]).partition(" of ")[2]
+        return f", {missed[worst]} of them of {curve}"
 
     def in_words(self, sentence: str) -> str:
         """A sentence about the simulation with points of curves where it numbers particles and distances."""

@@ -130,6 +130,17 @@ class Sampling:
         """Values of curves [curve_count, ...] at the simulation points [count, ...]."""
         return np.repeat(values, self.sample_counts, axis=0)
 
+    def to_varying(self, values: np.ndarray) -> np.ndarray:
+        """Values of simulation points [count] at the places of "varying" values, each from the nearest point; 0 of
+        curves that are not simulated."""
+        if self.points.copies:  # every control point is such a place; several in one have one simulation point
+            return np.where(self.unknown >= 0, values[self.unknown], 0.0)
+        out = np.zeros(int(self.kind.varying_counts.sum()))
+        order = np.argsort(self.varying.weight, axis=None, kind="stable")  # the nearest last, so that it stays
+        sample = np.repeat(np.arange(self.count), self.varying.index.shape[1])
+        out[self.varying.index.ravel()[order]] = values[sample[order]]
+        return out
+
     @property
     def curve(self) -> np.ndarray:
         """The curve of each simulation point, int [count]."""

@@ -64,6 +64,11 @@ class Recording:
                 held = value  # None with a deselect
         return settings, held
 
+    @property
+    def all_settings(self) -> list[Settings]:
+        """Those of the start, and all that they are changed to."""
+        return [self.settings, *(value for _, what, value in self.events if what == CHANGE)]
+
     def events_as_json(self) -> list[list[Any]]:
         """The events as they come back from a file."""
         events = [[frame, what, value.to_json() if what == CHANGE else value] for frame, what, value in self.events]

@@ -19,21 +19,24 @@ _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:class|function|const) (\w+))", re.MULTILINE)
 
 
-def page(scene: dict[str, Any], x: np.ndarray, fps: float, title: str, stretch_from: str) -> str:
+def page(
+    scene: dict[str, Any], x: np.ndarray, fps: float, title: str, stretch_from: str, tension: np.ndarray | None = None
+) -> str:
     """The page as text.
 
     Args:
         scene: What is drawn, see `Drawn.around`.
         x: [m], [frame_count, particle_count, 3].
+        tension: [N], [frame_count, link_count].
     """
-    frames = np.ascontiguousarray(x, dtype="<f4").tobytes()
     about = {**scene, "title": title, "fps": fps, "frames": len(x), "stretch_from": stretch_from}
+    about["has_tension"] = tension is not None and tension.size > 0
     parts = {
         "TITLE": html.escape(title),
         "STYLE": _read("player.css"),
         "SCENE": json.dumps(about).replace("<", "\\u003c"),
-        # Compressed without a time in it: the same motion is the same file.
-        "FRAMES": base64.b64encode(gzip.compress(frames, 6, mtime=0)).decode("ascii"),
+        "FRAMES": _packed(x),
+        "TENSION": _packed(np.zeros(0) if tension is None else tension),
         "SCRIPT": _bundle(),
     }
     template = _read("player.html")
@@ -44,6 +47,12 @@ def inline(text: str) -> str:
     """A page as a frame within another, such as a notebook."""
     look = "width:100%;height:420px;border:0;border-radius:8px"
     return f'<iframe srcdoc="{html.escape(text)}" style="{look}" allow="fullscreen"></iframe>'
+
+
+def _packed(values: np.ndarray) -> str:
+    """Float32, compressed without a time in it: the same motion is the same file."""
+    raw = np.ascontiguousarray(values, dtype="<f4").tobytes()
+    return base64.b64encode(gzip.compress(raw, 6, mtime=0)).decode("ascii")
 
 
 def _bundle(first: str = "player") -> str:

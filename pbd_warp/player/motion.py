@@ -27,7 +27,8 @@ class Motion:
     """A motion that is done. In Jupyter it shows itself.
 
     drawn: What is drawn besides positions. positions: [m], float32 [frame_count, particle_count, 3]. fps: Frames a
-    second. title: What it is of. stretch_from: What stretch is measured against, in words.
+    second. title: What it is of. stretch_from: What stretch is measured against, in words. tension: Of the links [N],
+    pull positive, float32 [frame_count, link_count]; None where it is not known.
     """
 
     drawn: Drawn
@@ -35,21 +36,29 @@ class Motion:
     fps: float
     title: str = "motion"
     stretch_from: str = "rest length"
+    tension: np.ndarray | None = None
 
     @classmethod
-    def of(cls, model: Model, positions: Sequence[np.ndarray] | np.ndarray, fps: float, title: str) -> Motion:
-        """The motion of a model, frame by frame, [particle_count, 3] each."""
-        return cls(Drawn.of_model(model), np.asarray(positions, dtype=np.float32), fps, title)
+    def of(
+        cls,
+        model: Model,
+        positions: Sequence[np.ndarray] | np.ndarray,
+        fps: float,
+        title: str,
+        tension: Sequence[np.ndarray] | np.ndarray | None = None,
+    ) -> Motion:
+        """The motion of a model, frame by frame: positions [particle_count, 3] and tensions [distance_count]."""
+        pulls = None if tension is None else np.asarray(tension, dtype=np.float32)
+        return cls(Drawn.of_model(model), np.asarray(positions, dtype=np.float32), fps, title, tension=pulls)
 
     @property
     def frame_count(self) -> int:
         return len(self.positions)
 
     def html(self) -> str:
-        """A page that plays it, without any network: play, scrub, turn, colour by stretch."""
-        return page(
-            self.drawn.around(self.positions), self.positions, self.fps, self.title, stretch_from=self.stretch_from
-        )
+        """A page that plays it, without any network: play, scrub, turn, colour by stretch or tension."""
+        scene = self.drawn.around(self.positions)
+        return page(scene, self.positions, self.fps, self.title, self.stretch_from, self.tension)
 
     def save(
         self, path: str | os.PathLike[str], on_drawn: Callable[[int, int], object] = lambda done, of: None

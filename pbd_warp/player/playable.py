@@ -26,6 +26,14 @@ class Playable(ABC):
     state: State
     frame: int
 
+    @property
+    @abstractmethod
+    def keeps_forces(self) -> bool: ...
+
+    @property
+    @abstractmethod
+    def tension(self) -> np.ndarray: ...
+
     @abstractmethod
     def step(self) -> None: ...
 
@@ -52,12 +60,17 @@ class Playable(ABC):
             count = check.whole("frames", frames, low=0)
         positions = np.empty((count + 1, self.model.particle_count, 3), np.float32)
         positions[0] = self.state.x.numpy()
+        tension = np.empty((count + 1, len(self.model.distance)), np.float32) if self.keeps_forces else None
+        if tension is not None:
+            tension[0] = self.tension
         with progress_bar("frames") if progress else nullcontext(lambda done, of: None) as advance:
             for done in range(1, count + 1):
                 self.step()
                 positions[done] = self.state.x.numpy()
+                if tension is not None:
+                    tension[done] = self.tension
                 advance(done, count)
-        return Motion.of(self.model, positions, self.settings.fps, f"frames from {self.frame - count}")
+        return Motion.of(self.model, positions, self.settings.fps, f"frames from {self.frame - count}", tension)
 
     def show(self, seconds: float = SHOWN_SECONDS) -> None:
         """Play in the browser what comes next [s]. This simulation stays where it is."""

@@ -42,6 +42,7 @@ class MotionWriter:
         fps: Frames a second.
         title: What the motion is of.
         on_drawn: Called while a video is drawn, at the end, with how many of how many pictures are done.
+        tension: Take the tensions of distances too, so that links can be coloured by them.
 
     Attributes:
         frames: Frames written so far.
@@ -59,21 +60,24 @@ class MotionWriter:
         fps: float = 60.0,
         title: str = "motion",
         on_drawn: Callable[[int, int], object] = lambda done, of: None,
+        tension: bool = False,
     ):
+        self.tension = tension
         self._path = check_player_path(path)
         self._model = model
         self._fps = check.number("fps", fps, above=0.0)
         self._title = title
         self._on_drawn = on_drawn
         self._positions: list[np.ndarray] = []
+        self._tensions: list[np.ndarray] = []
         self.saved: Path | None = None
 
     @property
     def frames(self) -> int:
         return len(self._positions)
 
-    def write(self, state: State) -> None:
-        """Take one frame.
+    def write(self, state: State, tension: np.ndarray | None = None) -> None:
+        """Take one frame; tension: of its distances, `Simulation.tension`, where those are taken.
 
         Raises:
             SimulationFailed: a position is not finite.
@@ -82,6 +86,8 @@ class MotionWriter:
         if not np.isfinite(x).all():
             raise SimulationFailed(f"frame {self.frames} is not finite and was not taken into {self._path}")
         self._positions.append(x)
+        if self.tension and tension is not None:
+            self._tensions.append(tension.astype(np.float32))
 
     def flush(self) -> None:
         """Nothing survives a kill."""
@@ -107,6 +113,7 @@ class MotionWriter:
             self._save(beside if self._path.exists() else self._path)
 
     def _save(self, path: Path) -> None:
-        motion = Motion.of(self._model, self._positions, self._fps, self._title)
+        tension = self._tensions if self.tension else None
+        motion = Motion.of(self._model, self._positions, self._fps, self._title, tension)
         motion.save(path, self._on_drawn)
         self.saved = path

@@ -20,6 +20,7 @@ from pbd_warp.paths import check_file
 from pbd_warp.usd.animation import Animation
 from pbd_warp.usd.space import Space
 from pbd_warp.usd.surroundings import Surroundings
+from pbd_warp.usd.tension import AlongChains, define_tension
 
 EXTENSIONS = (".usda", ".usdc", ".usd")
 
@@ -57,14 +58,17 @@ class UsdWriter:
         up_axis: "Y", as models have it, or "Z": everything is turned with it.
         meters_per_unit: Of the numbers in the file; models are in metres.
         identity: Of the run; only files that carry the same are gone on from.
+        tension: Write `primvars:tension` of the curves [N], at each point the mean of the links that meet there.
 
     Attributes:
+        tension: Whether tensions are written.
         frames: Frames written so far.
         saved: The path written in the end, None until then.
 
     Raises:
         InputError: an unknown extension, a folder that does not exist or cannot be written to, fps <= 0, fewer frames
-            on disk than `resume`, another process that is writing to the path, an axis or a unit that is none.
+            on disk than `resume`, another process that is writing to the path, an axis or a unit that is none,
+            tensions of a model without distances.
     """
 
     def __init__(
@@ -77,9 +81,13 @@ class UsdWriter:
         up_axis: str = "Y",
         meters_per_unit: float = 1.0,
         identity: Identity | None = None,
+        tension: bool = False,
     ):
         self._path = check_path(path)
         self._model = model
+        self.tension = tension
+        if tension and not len(model.distance):
+            raise InputError("there are no distances, so there is no tension to write")
         self._space = space = Space(up_axis, meters_per_unit)
 
         self._stage = stage = Usd.Stage.CreateInMemory()
@@ -118,17 +126,22 @@ class UsdWriter:
     def saved(self) -> Path | None:
         return self._animation.saved
 
-    def write(self, state: State) -> None:
+    def write(self, state: State, tension: np.ndarray | None = None) -> None:
         """Write one frame.
+
+        Args:
+            tension: Of its distances, `Simulation.tension`; only where tensions are written, and there always.
 
         Raises:
             SimulationFailed: a position or velocity is not finite (extents would silently leave it out).
         """
+        if self.tension != (tension is not None):
+            raise InputError(f"tensions are {'' if self.tension else 'not '}to be written (UsdWriter(tension=))")
         x, v = (np.ascontiguousarray(self._space(a.numpy()), dtype=np.float32) for a in (state.x, state.v))
         if not (np.isfinite(x).all() and np.isfinite(v).all()):
             raise SimulationFailed(f"frame {self.frames} is not finite and was not written to {self._path}")
         everything = _usd_vectors(x), _usd_vectors(v)
-        values = [value for geometry in self._geometry for value in geometry.values(x, v, everything)]
+        values = [value for geometry in self._geometry for value in geometry.values(x, v, everything, tension)]
         self._surroundings.include(values[2])  # the extent of all particles
         self._animation.write(values, self.frames)
 
@@ -173,14 +186,20 @@ class UsdWriter:
         curves.CreateDisplayColorPrimvar(UsdGeom.Tokens.constant).Set([Gf.Vec3f(*ROPE_COLOUR)])
         curves.SetWidthsInterpolation(UsdGeom.Tokens.vertex)
         index = np.concatenate(chains)
-        return _Geometry(curves, index, width[index], self._model.particle_count)
+        along = AlongChains(self._model, chains) if self.tension else None
+        return _Geometry(curves, index, width[index], self._model.particle_count, along)
 
 
 class _Geometry:
-    """A UsdGeom.Points or BasisCurves whose points are the particles of `index`."""
+    """A UsdGeom.Points or BasisCurves whose points are the particles of `index`; along: gives their tensions."""
 
     def __init__(
-        self, geometry: UsdGeom.Points | UsdGeom.BasisCurves, index: np.ndarray, width: np.ndarray, particles: int
+        self,
+        geometry: UsdGeom.Points | UsdGeom.BasisCurves,
+        index: np.ndarray,
+        width: np.ndarray,
+        particles: int,
+        along: AlongChains | None = None,
     ):
         self._geometry = geometry
         self._index = index
@@ -188,14 +207,23 @@ class _Geometry:
         self._widths = Vt.FloatArray.FromNumpy(width.astype(np.float32))
         geometry.CreateWidthsAttr(self._widths)
         self.extent = geometry.CreateExtentAttr()
-        self.attributes = (geometry.CreatePointsAttr(), geometry.CreateVelocitiesAttr(), self.extent)
+        self._along = along
+        own = (define_tension(geometry.GetPrim()),) if along else ()
+        self.attributes = (geometry.CreatePointsAttr(), geometry.CreateVelocitiesAttr(), self.extent, *own)
 
-    def values(self, x: np.ndarray, v: np.ndarray, everything: tuple[Vt.Vec3fArray, Vt.Vec3fArray]) -> list[Any]:
+    def values(
+        self,
+        x: np.ndarray,
+        v: np.ndarray,
+        everything: tuple[Vt.Vec3fArray, Vt.Vec3fArray],
+        tension: np.ndarray | None,
+    ) -> list[Any]:
         """What the attributes are in a frame; `everything` is x and v as arrays of USD."""
         points, velocities = everything
         if not self._has_all:
             points, velocities = (_usd_vectors(a.take(self._index, axis=0)) for a in (x, v))
-        return [points, velocities, type(self._geometry).ComputeExtent(points, self._widths)]
+        own = [self._along(tension)] if self._along and tension is not None else []
+        return [points, velocities, type(self._geometry).ComputeExtent(points, self._widths), *own]
 
 
 def _usd_vectors(rows: np.ndarray) -> Vt.Vec3fArray:

@@ -55,7 +55,8 @@ def status(session: Session) -> dict[str, Any]:
     """Figures of this moment. None is what is not finite, or not there.
 
     first: The earliest frame that one can go back to; last: the newest. kept: Frames kept so far. iterations: Of the
-    last frame, where the method decides how many there are. warnings: What is known to fail (`Simulation.check`).
+    last frame, where the method decides how many there are. has_tension: Whether frames come with tensions. warnings:
+    What is known to fail (`Simulation.check`).
     """
     sim, settings = session.sim, session.settings
     with np.errstate(all="ignore"):
@@ -78,6 +79,7 @@ def status(session: Session) -> dict[str, Any]:
         "kinetic": _finite(now.kinetic),
         "potential": _finite(now.energy - now.kinetic),
         "iterations": sim.iterations_used if decides else None,
+        "has_tension": sim.keeps_forces and len(sim.model.distance) > 0,
         "unconverged": sim.unconverged if decides else None,
         "settings": {
             **{name: value for name, value in in_force(settings).items() if name in CHANGES},

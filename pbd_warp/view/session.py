@@ -23,7 +23,7 @@ from pbd_warp.view.history import Clip, Frames
 
 HEADER = struct.Struct("<IIiI3f")
 """Of a frame: generation, frame, the grabbed particle or -1, the page that holds it or 0, where it is pulled to [m];
-then positions, float32 xyz."""
+then positions, float32 xyz; then tensions of the distances [N], float32, where the method knows them."""
 
 SMOOTHING = 0.1
 """Of the time a frame takes: the weight of the newest."""
@@ -140,18 +140,19 @@ class Session:
 
     @property
     def kept(self) -> int | None:
-        """Frames kept so far, None while none are to be."""
+        """Frames kept so far, if any are to be."""
         return None if self._kept_from is None else self.frames.last - self._kept_from + 1
 
     def positions(self) -> np.ndarray:
         """Of the last frame that went well, or of the one gone back to [m], float32 [particle_count, 3]."""
-        return self.frames.at(self.frame)[0].astype(np.float32)
+        return self.frames.at(self.frame).x.astype(np.float32)
 
     def packet(self) -> bytes:
         """The last frame as pages get it: HEADER, positions."""
         held = -1 if self.grabber.particle is None else self.grabber.particle
         target = np.zeros(3) if self.sim.held_target is None else self.sim.held_target
-        return HEADER.pack(self.generation, self.frame, held, self.holder or 0, *target) + self.positions().tobytes()
+        header = HEADER.pack(self.generation, self.frame, held, self.holder or 0, *target)
+        return header + self.positions().tobytes() + self.frames.at(self.frame).tension.tobytes()
 
     def clip_now(self) -> Clip:
         """What is to be saved: the frames that are kept, or were kept last; without any, the last ten seconds."""
@@ -197,7 +198,7 @@ class Session:
         self.seconds = 0.0
 
     def _keep_state(self) -> None:
-        self.frames.add(self.sim.state.x.numpy(), self.sim.state.v.numpy())
+        self.frames.add(self.sim)
         if self.frames.keep and self.frames.full:
             self._record(False)
             self.notes.append(
@@ -229,7 +230,7 @@ class Session:
         self.grabber.select(wanted.particle)
         self.holder = who
         if self.settings.grab_acceleration is not None and wanted.frame >= self.frames.first:
-            self.grabber.move(self.frames.at(wanted.frame)[0][wanted.particle])  # where it was seen: under the cursor
+            self.grabber.move(self.frames.at(wanted.frame).x[wanted.particle])  # where it was seen: under the cursor
 
     def _change(self, changes: Mapping[str, Any]) -> None:
         others = {name: value for name, value in changes.items() if name != "dtype"}
@@ -271,12 +272,11 @@ class Session:
             return
         frame, self._back, self.failure = self._back, None, None
         settings, held = self.recording.cut(frame)
-        self.frames.cut(frame)
-        x, v = (values.copy() for values in self.frames.at(frame))
+        x, v, _ = self.frames.cut(frame)
         self.sim.release()
         if held is not None:
             if self.model.w[held] == 0.0:
-                v[held] = 0.0
+                v = np.where(np.arange(len(v))[:, None] == held, 0.0, v)
             self.recording.note(frame, "deselect", None)
         self.sim.state.x.assign(x)
         self.sim.state.v.assign(v)

@@ -42,7 +42,7 @@ RUN = {
     "--iterations": ["3", *NUMBERS],
     "--tolerance": ["1e-4", *NUMBERS],
     "--substeps": ["2", "auto", *NUMBERS],
-    "--integrator": ["pbd", "bdf2", "midpoint", "midpoint4", "dop853", "euler"],
+    "--integrator": ["pbd", "bdf2", "midpoint", "midpoint4", "dop853", "rk4", "euler"],
     "--damping": ["0.1", *NUMBERS],
     "--max-contacts": ["9", *NUMBERS],
     "--depenetration-speed": ["1", *NUMBERS],

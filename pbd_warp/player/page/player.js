@@ -1,6 +1,7 @@
 // Plays the frames that are in this page. Between two frames it goes on evenly.
 
 import { Camera } from "./camera.js";
+import { colouring, largest } from "./colour.js";
 import { Drawing, THEMES } from "./draw.js";
 import { onSchemeChange, scheme } from "./theme.js";
 
@@ -11,18 +12,18 @@ const count = 3 * scene.radius.length;
 const last = scene.frames - 1;
 const camera = new Camera();
 const pointers = new Map(); // id: where it was
-const x = new Float32Array(count); // as shown
-let frames = null;
+const x = new Float32Array(count), tension = new Float32Array(scene.links.length); // as shown
+let frames = null, tensions = null;
 let drawing = null;
 let at = 0; // the frame shown, a fraction between two
 let playing = false;
 let before = null; // time of the last animation frame [ms]
 let stale = true;
 let drawn = 0;
-let stretch = 0; // the largest there is
+const most = {}; // largest stretch and tension that there are
 
-async function unpack() {
-  const bytes = Uint8Array.from(atob($("frames").textContent), (char) => char.charCodeAt(0));
+async function unpack(id) {
+  const bytes = Uint8Array.from(atob($(id).textContent), (char) => char.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Float32Array(await new Response(stream).arrayBuffer());
 }
@@ -41,18 +42,16 @@ function largestStretch() {
   return most;
 }
 
-// One of the 1-2-5 steps above the largest stretch: there it is red.
-function stretchScale() {
-  const least = Math.max(stretch, 1e-4);
-  const ten = 10 ** Math.floor(Math.log10(least));
-  return ten * [1, 2, 5, 10].find((step) => step * ten >= least * (1 - 1e-9));
-}
-
 function place() {
   const frame = Math.min(Math.floor(at), Math.max(last - 1, 0));
   const next = Math.min(frame + 1, last);
   const part = at - frame;
-  for (let k = 0; k < count; k++) x[k] = (1 - part) * frames[frame * count + k] + part * frames[next * count + k];
+  const mix = (to, from) => {
+    const [a, b] = [frame, next].map((number) => number * to.length);
+    for (let k = 0; k < to.length; k++) to[k] = (1 - part) * from[a + k] + part * from[b + k];
+  };
+  mix(x, frames);
+  if (scene.has_tension) mix(tension, tensions);
 }
 
 function animate(now) {
@@ -65,11 +64,8 @@ function animate(now) {
   if (!stale) return;
   stale = false;
   place();
-  const scale = $("by-stretch").checked ? stretchScale() : 0;
-  $("legend").hidden = scale === 0;
-  $("legend-low").textContent = `−${+(100 * scale).toPrecision(1)} %`;
-  $("legend-high").textContent = `+${+(100 * scale).toPrecision(1)} %`;
-  drawing.draw(camera, x, -1, scale);
+  const by = $("colour").value;
+  drawing.draw(camera, x, -1, colouring(by, most[by], tension));
   drawn++;
 }
 
@@ -93,8 +89,11 @@ function fit() {
 
 $("play").addEventListener("click", () => setPlaying(!playing));
 $("time").addEventListener("input", () => { setPlaying(false); go($("time").valueAsNumber); });
-$("by-stretch").addEventListener("change", () => {
-  stretch ||= largestStretch();
+$("colour").addEventListener("change", () => {
+  const by = $("colour").value;
+  if (by) most[by] ??= by === "stretch" ? largestStretch() : largest(tensions);
+  $("legend-of").textContent = by === "stretch" ? `of ${scene.stretch_from}` : "pull and push";
+  $("colour").blur(); // so that space is play again
   stale = true;
 });
 $("fit").addEventListener("click", fit);
@@ -155,12 +154,13 @@ function resize() {
 }
 
 async function start() {
-  $("legend-of").textContent = `of ${scene.stretch_from}`;
+  $("colour").parentElement.hidden = scene.links.length === 0;
+  $("colour").querySelector("[value=tension]").hidden = !scene.has_tension;
   $("time").max = last;
   try {
     drawing = new Drawing(canvas, THEMES[scheme()]);
     onSchemeChange(() => { drawing.paint(THEMES[scheme()]); stale = true; });
-    frames = await unpack();
+    [frames, tensions] = await Promise.all([unpack("frames"), unpack("tension")]);
   } catch (error) {
     $("trouble").textContent = `This page cannot be shown here: ${error.message}`;
     $("trouble").hidden = false;
@@ -181,7 +181,8 @@ window.pbd = {
   get frame() { return at; },
   get frames() { return scene.frames; },
   get positions() { return Array.from(x); },
-  get stretch() { return stretch; },
+  get tension() { return Array.from(tension); },
+  get most() { return most; },
   get camera() { return { eye: camera.eye, forward: camera.forward }; },
   go,
 };

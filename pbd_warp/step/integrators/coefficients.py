@@ -155,3 +155,9 @@ ORDER_8 = Tableau(
 
 Source: Hairer, Norsett, Wanner, Solving Ordinary Differential Equations I, section II.5, and their program DOP853.
 """
+
+_RK4_A = np.zeros((4, 4))
+_RK4_A[1, 0] = _RK4_A[2, 1] = 0.5
+_RK4_A[3, 2] = 1.0
+ORDER_4 = Tableau(order=4, a=_RK4_A, b=np.array([1.0, 2.0, 2.0, 1.0]) / 6.0, e5=np.zeros(4), e3=np.zeros(4))
+"""Kutta's method of 1901, without an estimate."""

@@ -176,6 +176,7 @@ class DirectSolver:
                 (p, "move", tiles, wp.vec3d),
             ),
             *((p, "shift", tiles, wp.vec3d), (p, "gives", count, wp.int32), (p, "strain", count, wp.float64)),
+            (p, "missed", count, wp.int32),
             *(
                 (links, "firm", len(edge), wp.float64),
                 (links, "steadies", len(edge), wp.float64),
@@ -216,6 +217,7 @@ class DirectSolver:
             if array:
                 array.zero_()
         self._particles.gives.zero_()
+        self._particles.missed.zero_()
         for part in (self._touches, self._coupling):
             if part:
                 part.restart()
@@ -247,6 +249,14 @@ class DirectSolver:
             coupling.solve(stage, model, self._base, REACH, until, self.counters)
         if touches:
             touches.note()
+
+    def missed(self) -> np.ndarray:
+        """How many solutions did not converge since the last restart, of the piece that a particle belongs to, int
+        [particle_count]; 0 of fixed ones."""
+        s = self.schedule
+        out = np.zeros(self._context.model.particle_count, int)
+        out[s.particle] = np.repeat(self._particles.missed.numpy(), np.diff(s.piece_first))
+        return out
 
     def tension(self) -> np.ndarray:
         """Force along each distance in the last step [N], pull positive, float64 [edge_count]; 0 between fixed

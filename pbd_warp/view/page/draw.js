@@ -56,6 +56,7 @@ export class Drawing {
     this.looks = this.table(4, scene.radius.flatMap((radius, i) => [...colours[fixed.has(i) ? "fixed" : "particle"], radius]));
     this.positions = this.table(3, new Array(3 * scene.radius.length).fill(0));
     this.joins = this.table(4, scene.links.flatMap((ends, k) => [...ends, scene.link_radius[k], scene.rest_length[k]]));
+    this.pulls = this.table(1, new Array(scene.links.length).fill(0));
     this.ballLooks = this.table(4, scene.spheres.flatMap((ball) => [...colours.collider, ball[3]]));
     this.balls = this.table(3, scene.spheres.flatMap((ball) => ball.slice(0, 3)));
     const most = Math.max(scene.radius.length, scene.links.length, scene.spheres.length, 1);
@@ -76,11 +77,12 @@ export class Drawing {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
   }
 
-  // x: positions [m]; held: a particle to be highlighted, or -1; stretchScale: the stretch that is drawn in full colour,
-  // 0 for none.
-  draw(camera, x, held = -1, stretchScale = 0) {
+  // x: positions [m]; held: a particle to be highlighted, or -1; colouring: { scale, tension }, what is drawn in full
+  // colour, of the links' stretch or of their tension [N], where there is one; null: links have a colour of their own.
+  draw(camera, x, held = -1, colouring = null) {
     const { gl, canvas, scene, colours } = this;
     this.fill(this.positions, x);
+    if (colouring?.tension) this.fill(this.pulls, colouring.tension);
     gl.viewport(0, 0, canvas.width, canvas.height);
     this.clear();
     gl.enable(gl.DEPTH_TEST);
@@ -94,8 +96,8 @@ export class Drawing {
       gl.uniform1i(uniform("rows"), 1);
       return uniform;
     };
-    const drawSquares = (positions, rows, count) => {
-      [positions, rows].forEach((table, unit) => {
+    const drawSquares = (count, ...tables) => {
+      tables.forEach((table, unit) => {
         gl.activeTexture(gl.TEXTURE0 + unit);
         gl.bindTexture(gl.TEXTURE_2D, table.texture);
       });
@@ -127,17 +129,19 @@ export class Drawing {
     gl.uniform3fv(uniform("slackTint"), colours.slack);
     gl.uniform3fv(uniform("restTint"), colours.rest);
     gl.uniform3fv(uniform("tautTint"), colours.taut);
-    gl.uniform1f(uniform("stretchScale"), stretchScale);
-    drawSquares(this.positions, this.joins, scene.links.length);
+    gl.uniform1f(uniform("colourScale"), colouring?.scale ?? 0);
+    gl.uniform1i(uniform("byTension"), colouring?.tension ? 1 : 0);
+    gl.uniform1i(uniform("pulls"), 2);
+    drawSquares(scene.links.length, this.positions, this.joins, this.pulls);
 
     uniform = use(this.spheres);
     gl.enable(gl.SAMPLE_ALPHA_TO_COVERAGE);
     gl.uniform3fv(uniform("heldTint"), colours.held);
     gl.uniform1f(uniform("leastCover"), gl.getContextAttributes().antialias ? 0 : 0.5);
     gl.uniform1i(uniform("held"), held);
-    drawSquares(this.positions, this.looks, scene.radius.length);
+    drawSquares(scene.radius.length, this.positions, this.looks);
     gl.uniform1i(uniform("held"), -1);
-    drawSquares(this.balls, this.ballLooks, scene.spheres.length);
+    drawSquares(scene.spheres.length, this.balls, this.ballLooks);
     gl.disable(gl.SAMPLE_ALPHA_TO_COVERAGE);
 
     // What one sees through comes last and hides nothing.
@@ -165,7 +169,7 @@ export class Drawing {
     const lines = Math.max(1, Math.ceil(values.length / width / WIDTH));
     const table = { width, lines, texture: gl.createTexture(), texels: new Float32Array(width * WIDTH * lines) };
     gl.bindTexture(gl.TEXTURE_2D, table.texture);
-    gl.texStorage2D(gl.TEXTURE_2D, 1, width === 3 ? gl.RGB32F : gl.RGBA32F, WIDTH, lines);
+    gl.texStorage2D(gl.TEXTURE_2D, 1, { 1: gl.R32F, 3: gl.RGB32F, 4: gl.RGBA32F }[width], WIDTH, lines);
     for (const side of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER]) gl.texParameteri(gl.TEXTURE_2D, side, gl.NEAREST);
     this.tables.push(table);
     this.fill(table, values);
@@ -176,7 +180,8 @@ export class Drawing {
     const { gl } = this;
     texels.set(values);
     gl.bindTexture(gl.TEXTURE_2D, texture);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, lines, width === 3 ? gl.RGB : gl.RGBA, gl.FLOAT, texels);
+    const format = { 1: gl.RED, 3: gl.RGB, 4: gl.RGBA }[width];
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, lines, format, gl.FLOAT, texels);
   }
 }
 

@@ -99,7 +99,7 @@ export class Panel {
     $("stiffness").disabled = scene.links.length === 0;
     $("row-stretch").hidden = !scene.plots.includes("max_stretch");
     $("row-residual").hidden = !scene.plots.includes("residual");
-    $("by-stretch").parentElement.hidden = !scene.plots.includes("max_stretch");
+    $("colour").parentElement.hidden = scene.links.length === 0;
   }
 
   show(status) {
@@ -126,6 +126,7 @@ export class Panel {
       $("rewind").value = status.frame;
       this.labelRewind(status.frame);
     }
+    $("colour").querySelector("[value=tension]").disabled = !status.has_tension;
     $("pause").textContent = status.paused ? "Go on" : "Pause";
     $("record").textContent = status.kept === null ? "Record" : `Stop · ${(status.kept / this.scene.fps).toFixed(1)} s`;
     $("record").setAttribute("aria-pressed", String(status.kept !== null));

@@ -6,7 +6,7 @@ const PAUSE = 0.5; // s without a frame, after which the rate begins anew
 const CORRECTION = 0.05; // part of what it is ahead or behind, that each picture takes away
 const LOST = 12; // gaps: whoever is further behind jumps
 
-// number: of a frame; x: its positions. Times are in seconds, of any one clock.
+// number: of a frame; x: its positions, and what else goes from frame to frame as they do. Times are in seconds, of any one clock.
 export class Playhead {
   constructor() {
     this.clear();
@@ -77,7 +77,7 @@ export class Playhead {
     const before = this.frames.findLast((frame) => frame.number <= this.at) ?? next;
     if (before === next) return { x: next.x, number: next.number };
     const part = (this.at - before.number) / (next.number - before.number);
-    const x = new Float32Array(next.x.length);
+    const x = new Float32Array(Math.min(before.x.length, next.x.length));
     for (let k = 0; k < x.length; k++) x[k] = before.x[k] + part * (next.x[k] - before.x[k]);
     return { x, number: part < 0.5 ? before.number : next.number };
   }

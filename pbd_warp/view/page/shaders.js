@@ -76,7 +76,9 @@ void main() {
 
 export const LINK_VERTEX = COMMON + SQUARES + `
 uniform vec3 linkTint, slackTint, restTint, tautTint;
-uniform float stretchScale; // 0: not coloured by stretch
+uniform float colourScale; // the stretch or tension in full colour; 0: not coloured
+uniform bool byTension;
+uniform sampler2D pulls; // tension of each link
 out vec3 colour, side, front, place;
 out float across;
 void main() {
@@ -93,8 +95,9 @@ void main() {
   across = corner.x;
   float radius = max(link.z, 0.75 * pixel(centre));
   place = centre + radius * corner.x * side;
-  float t = stretchScale > 0.0 && link.w > 0.0 ? clamp((far / link.w - 1.0) / stretchScale, -1.0, 1.0) : 0.0;
-  colour = mix(stretchScale > 0.0 ? restTint : linkTint, t > 0.0 ? tautTint : slackTint, abs(t));
+  float size = byTension ? row(pulls, gl_VertexID / 4).x : link.w > 0.0 ? far / link.w - 1.0 : 0.0;
+  float t = colourScale > 0.0 ? clamp(size / colourScale, -1.0, 1.0) : 0.0;
+  colour = mix(colourScale > 0.0 ? restTint : linkTint, t > 0.0 ? tautTint : slackTint, abs(t));
   gl_Position = matrix * vec4(place, 1.0);
 }`;
 

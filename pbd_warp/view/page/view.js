@@ -1,6 +1,7 @@
 // The conversation with the server, the keys, and what is drawn when.
 
 import { boxOf, Camera, sizeOf } from "./camera.js";
+import { colouring, largest } from "./colour.js";
 import { Dragging } from "./drag.js";
 import { Drawing, THEMES } from "./draw.js";
 import { Messages } from "./messages.js";
@@ -37,6 +38,7 @@ let me = 0; // this page's number
 let status = null;
 let held = -1, holder = 0, target = [0, 0, 0]; // who is held by which page, and pulled to where
 let received = 0, drawn = 0;
+let pull = 0; // the largest tension seen lately [N]
 let stale = true; // what is on the screen is not what would be drawn now
 const link = takeLink();
 let wanted = link;
@@ -44,7 +46,7 @@ let wanted = link;
 // What Dragging and RopeDrawing are handed.
 const view = {
   scene: null, // as surroundings.py and report.py describe it
-  shown: null, // { x, number }: positions [m] that are drawn, and the frame they are of
+  shown: null, // { x, tension, number }: positions [m] and tensions [N] that are drawn, and the frame they are of
   camera,
   get held() { return held; },
   say,
@@ -100,6 +102,7 @@ function load(scene) {
   const other = view.scene?.scene !== scene.scene;
   view.scene = scene;
   view.shown = null;
+  pull = 0;
   playhead.clear();
   drawing.load(scene);
   panel.load(scene);
@@ -125,7 +128,7 @@ function fit() {
   stale = true;
 }
 
-// A frame: generation, frame, held particle, page that holds it, where it is pulled to; positions.
+// A frame: generation, frame, held particle, page that holds it, where it is pulled to; positions; tensions, if known.
 function take(data) {
   received++;
   acknowledge();
@@ -139,29 +142,33 @@ function take(data) {
   stale = true;
 }
 
-// What one of the 1-2-5 steps above the largest stretch is white to red.
-function stretchScale() {
-  const least = Math.max(status?.max_stretch ?? 0, 1e-4);
-  const ten = 10 ** Math.floor(Math.log10(least));
-  return ten * [1, 2, 5, 10].find((step) => step * ten >= least * (1 - 1e-9));
+// What is to be seen of a frame, as the playhead gives it.
+function apart(frame) {
+  const count = 3 * view.scene.radius.length;
+  return frame && { x: frame.x.subarray(0, count), tension: frame.x.subarray(count), number: frame.number };
+}
+
+// How links are coloured now.
+function linkColours() {
+  const { tension } = view.shown;
+  const by = $("colour").value;
+  if (by !== "tension") return colouring(by, status?.max_stretch ?? 0);
+  pull = Math.max(largest(tension), 0.99 * pull);
+  return colouring(tension.length ? by : "", pull, tension);
 }
 
 function animate(now) {
   requestAnimationFrame(animate);
   dragging.lead();
   if (!stale || !view.scene) return;
-  view.shown = playhead.show(now / 1000, !status || status.paused || status.failure !== null);
+  view.shown = apart(playhead.show(now / 1000, !status || status.paused || status.failure !== null));
   stale = !playhead.atEnd;
   if (!view.shown) {
     drawing.clear();
     return;
   }
   if (!dragging.down && !dragging.grab && follower.step(...boxOf(view.shown.x, view.scene.radius))) stale = true;
-  const scale = $("by-stretch").checked ? stretchScale() : 0;
-  $("legend").hidden = scale === 0;
-  $("legend-low").textContent = `−${+(100 * scale).toPrecision(1)} %`;
-  $("legend-high").textContent = `+${+(100 * scale).toPrecision(1)} %`;
-  drawing.draw(camera, view.shown.x, held, scale);
+  drawing.draw(camera, view.shown.x, held, linkColours());
   mark();
   drawn++;
 }
@@ -225,7 +232,7 @@ panel.button($("fit"), fit);
 panel.button($("draw"), () => (rope.active ? rope.stop() : rope.start()));
 panel.button($("ask"), () => $("help").showModal());
 panel.button($("save-picture"), () => {
-  drawing.draw(camera, view.shown.x, held, $("by-stretch").checked ? stretchScale() : 0); // it is gone from the buffer
+  drawing.draw(camera, view.shown.x, held, linkColours()); // it is gone from the buffer
   canvas.toBlob((picture) => {
     const name = `${view.scene.scene}-${view.shown.number}.png`;
     const save = Object.assign(document.createElement("a"), { href: URL.createObjectURL(picture), download: name });
@@ -234,7 +241,7 @@ panel.button($("save-picture"), () => {
   });
 });
 panel.button($("copy-link"), () => messages.copy(linkTo(view.scene, status)));
-$("by-stretch").addEventListener("change", () => { stale = true; $("by-stretch").blur(); });
+$("colour").addEventListener("change", () => { stale = true; $("colour").blur(); });
 onSchemeChange(() => { drawing.paint(THEMES[scheme()]); panel.plot.draw(); stale = true; });
 
 new ResizeObserver(() => {
@@ -263,6 +270,7 @@ window.pbd = {
   get me() { return me; },
   get count() { return view.shown ? view.shown.x.length / 3 : 0; },
   get positions() { return Array.from(view.shown.x); },
+  get tension() { return Array.from(view.shown.tension); },
   get shown() { return view.shown.number; },
   get paused() { return status?.paused ?? false; },
   get scene() { return view.scene.scene; },
