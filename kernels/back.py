@@ -52,7 +52,8 @@ def contact_steps(
             gap, n, curvature = gap_now(p.move[t] - du, c.side[k], c.start[k], c.led[k], c.surface[k])
             now, push, hold, left = contact_step(
                 c.status[k], gap, n, curvature, p.move[t] - c.led[k], du, c.lam[k], c.grip[k], c.surface[k][2],
-                p.stiffness[t] / touch, p.weight[t], wp.float64(CURVED) * p.stiffness[t], lagging,
+                p.stiffness[t] / touch, p.stiffness[t] / wp.max(touch, c.rubs), p.weight[t],
+                wp.float64(CURVED) * p.stiffness[t], lagging,
                 scale, tolerated, relative,
             )  # fmt: skip
             switched = switched or (now != c.status[k] and left > wp.float64(1.0))

@@ -191,7 +191,7 @@ def step_pieces(
         tolerance, relative, close,
     )  # fmt: skip
     progress[piece] = judge_piece(
-        g, piece, begin, end, m, p, c.firmest, reach, lagging, left, contact, widest, given, switched, True
+        g, piece, begin, end, m, p, reach, lagging, left, contact, widest, given, switched, True
     )
 
 

@@ -95,9 +95,7 @@ def solve_pieces(
             begin, end, s, m, p, links, points, c, g.rigid, mean_gradient, g.touch, lagging, mean_length,
             tolerance, relative, close,
         )  # fmt: skip
-        g = judge_piece(
-            g, piece, begin, end, m, p, c.firmest, reach, lagging, left, contact, widest, given, switched, touches
-        )
+        g = judge_piece(g, piece, begin, end, m, p, reach, lagging, left, contact, widest, given, switched, touches)
     end_piece(
         g, piece, begin, end, s, p, links, mean_gradient, accepted, accepted_contact, u, iterations_used, unconverged
     )

@@ -103,7 +103,7 @@ class Points:
 class Touching:
     """Contacts with what is fixed or led (touch.py); None where there are none."""
 
-    firmest: wp.float64  # over a particle's stiffness: what a contact gives in the last iterations
+    rubs: wp.float64  # over a particle's stiffness: what friction gives at least
     head: wp.array[wp.int32]  # [particle_count] first of its contacts, or -1
     following: wp.array[wp.int32]  # [capacity] next contact of the same particle, or -1
     side: wp.array[wp.vec3d]  # [capacity] normal as found, out of what is fixed; 0: round

@@ -32,6 +32,9 @@ TOUCH = wp.constant(1.0e-2)
 What is stuck to a surface and held together by rigid links has more constraints than unknowns: firm at once, Newton's
 errors, of second order, would make forces larger than those of the links, of either sign."""
 
+FIRMEST = wp.constant(1.0e-4)
+"""What it gives in the end, but for friction (touches.py)."""
+
 LAG = wp.constant(12)
 """Iterations after which friction is bounded by the push as it was for as many, and so on in turn: contacts that slide
 and stick by turns come to rest."""
@@ -140,7 +143,6 @@ def judge_piece(
     end: wp.int32,
     m: Matrix,
     p: Particles,
-    firmest: wp.float64,
     reach: wp.float64,
     lagging: wp.bool,
     left: wp.float64,
@@ -176,7 +178,8 @@ def judge_piece(
     else:
         # Those that switch round and round give more each time.
         least = wp.min(
-            firmest * wp.pow(wp.float64(10.0), wp.float64(wp.max(g.used / (2 * LAG) - 1, 0))), wp.float64(YIELDING)
+            wp.float64(FIRMEST) * wp.pow(wp.float64(10.0), wp.float64(wp.max(g.used / (2 * LAG) - 1, 0))),
+            wp.float64(YIELDING),
         )
         g.touch = wp.max(wp.float64(0.1) * g.touch, least)
     if switched and g.rigid:

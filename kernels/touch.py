@@ -148,7 +148,8 @@ def contact_row(
     lam: wp.float64,
     grip: wp.vec3d,
     mu: wp.float64,
-    e: wp.float64,  # 1 / what the contact gives
+    e: wp.float64,  # 1 / what the contact gives along the normal
+    e_t: wp.float64,  # and across it
     softest: wp.float64,  # the most negative stiffness of its curvature, > 0
     lagging: wp.bool,  # friction is bounded by the push as it was, not as this step makes it
 ):
@@ -158,10 +159,10 @@ def contact_row(
     M = e * wp.outer(n, n) - wp.min(wp.max(lam, wp.float64(0.0)) * curvature, softest) * across
     force = push * n
     if mu > wp.float64(0.0):
-        hold = grip - wp.dot(n, grip) * n - e * slip
+        hold = grip - wp.dot(n, grip) * n - e_t * slip
         held = wp.length(hold)
         if status == STICKS:
-            M = M + e * across
+            M = M + e_t * across
             force = force + hold
         elif held > wp.float64(0.0):
             t = hold / held
@@ -170,7 +171,7 @@ def contact_row(
             else:
                 M = M + (mu * e) * wp.outer(t, n)
             force = force + (mu * push) * t
-            M = M + wp.min(mu * wp.max(push, wp.float64(0.0)) / held, wp.float64(1.0)) * e * (across - wp.outer(t, t))
+            M = M + wp.min(mu * wp.max(push, wp.float64(0.0)) / held, wp.float64(1.0)) * e_t * (across - wp.outer(t, t))
     return M, force
 
 
@@ -186,6 +187,7 @@ def contact_step(
     grip: wp.vec3d,
     mu: wp.float64,
     e: wp.float64,
+    e_t: wp.float64,
     weight: wp.float64,
     softest: wp.float64,
     lagging: wp.bool,
@@ -208,15 +210,15 @@ def contact_step(
     if mu > zero:
         slip = gone - wp.dot(n, gone) * n
         before = grip - wp.dot(n, grip) * n
-        hold = before - e * slip
+        hold = before - e_t * slip
         if status == SLIDES:
             moved = du - wp.dot(n, du) * n
-            along = before - e * (slip - moved)
+            along = before - e_t * (slip - moved)
             if wp.dot(slip, along) > zero:
                 # It would slide the way it is pushed: it sticks, and friction begins with what this step had.
                 size = wp.length(along)
                 t = along / size
-                hold = (mu * push) * (t - (e / size) * (moved - wp.dot(t, moved) * t))
+                hold = (mu * push) * (t - (e_t / size) * (moved - wp.dot(t, moved) * t))
                 held = wp.length(hold)
                 if held > mu * push:
                     left = left + weight * (held - mu * push)
@@ -232,9 +234,9 @@ def contact_step(
         elif status == SLIDES:
             left = left + weight * (mu * push - held)
         # What changed, and what lies in the tangent plane of before.
-        left = left + wp.length(hold - grip) / e + weight * curvature * wp.length(hold) * far
+        left = left + wp.length(hold - grip) / e_t + weight * curvature * wp.length(hold) * far
         if now == SLIDES:
-            turn = wp.min(e * far / held, wp.float64(1.0))
+            turn = wp.min(e_t * far / held, wp.float64(1.0))
             left = left + weight * mu * turn * (push * turn + pushed)
             if lagging:
                 left = left + weight * mu * pushed

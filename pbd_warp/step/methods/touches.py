@@ -10,8 +10,8 @@ from pbd_warp.kernels.touch import forget_contacts, list_contacts, note_contacts
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.context import Context, Stage
 
-FIRMEST = {"float32": 1e-2, "float64": 1e-4}
-"""What a contact gives in the last iterations, over its particle's stiffness. Where ropes stick, rounded positions
+RUBS = {"float32": 1e-2, "float64": 1e-4}
+"""What friction gives at least in an iteration, over its particle's stiffness. Where ropes stick, rounded positions
 contradict each other, and what is firmer asks for the larger forces."""
 
 
@@ -25,7 +25,7 @@ class Touches:
     def __init__(self, context: Context, found: ContactConstraints, particles: pieces.Particles):
         self._context, self._found = context, found
         self.contacts = pieces.Touching()
-        self.contacts.firmest = FIRMEST[context.model.dtype]
+        self.contacts.rubs = RUBS[context.model.dtype]
         count, room = context.model.particle_count, found.capacity
         for name, size, dtype in (
             *(("head", count, wp.int32), ("following", room, wp.int32), ("side", room, wp.vec3d)),
