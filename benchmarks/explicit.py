@@ -32,7 +32,7 @@ C_STEPS = tuple(2**k for k in range(10))
 def chain(links: int) -> pbd.Model:
     builder = pbd.ModelBuilder()
     x = np.linspace([0.0, 0, 0], [1.0, 0, 0], links + 1)
-    builder.add_rope(x, mass=(links + 1.0) / links, pinned=(0,))
+    builder.add_rope(x, mass=np.full(links + 1, 1.0 / links), pinned=(0,))
     return builder.finalize(dtype="float64")
 
 

@@ -8,14 +8,20 @@
 2. collision: no C, but microseconds.
 3. Where a grid begins to pay: a frame of spheres in a box, each pair looked at, and with a grid.
 4. Whether launches ever pay on this device: ropes of 100 links, fused and replayed.
+5. A frame of `Direct`, which is replayed: what as many launches that do nothing take of it is what one launch for all
+   of it would save at most; and one of "dop853", which is a launch already.
+6. What compiling takes from nothing, fused and launch by launch, each in a process of its own.
 
 float32. A library that gcc made with -ffast-math flushes denormal numbers to zero in the whole process, ours too.
 """
 
 import argparse
 import ctypes
+import os
 import statistics
+import subprocess
 import sys
+import tempfile
 
 import numpy as np
 import warp as wp
@@ -188,6 +194,62 @@ def compare_sizes(rounds: int) -> None:
         print(f"{model.particle_count:>10} {us['fused']:>10.0f} {us['replayed']:>10.0f} {ratio:>6.2f}")
 
 
+@wp.kernel(enable_backward=False)
+def nothing(a: wp.array[wp.int32]):
+    a[0] = 0
+
+
+def direct(rounds: int) -> None:
+    print("\nus a frame of a chain, 4 substeps (median); empty: as many launches of nothing, replayed")
+    print(f"{'links':>6} {'launches':>9} {'direct':>8} {'empty':>7} {'part':>6} {'dop853':>8}")
+    a = wp.zeros(1, dtype=wp.int32)
+    wp.load_module(__name__)
+    for links in (10, 50, 500):
+        builder = pbd.ModelBuilder()
+        builder.add_rope(np.linspace([0.0, 0, 0], [1.0, 0, 0], links + 1), pinned=(0,))
+        model = builder.finalize(dtype="float64")
+        sim = pbd.Simulation(model, method=pbd.Direct(), integrator="bdf2", substeps=4, on_failure="continue")
+        explicit = pbd.Simulation(model, integrator="dop853", substeps=4, on_failure="continue", dt=1e-3)
+        with wp.ScopedCapture() as capture:
+            for _ in range(sim.launches):
+                wp.launch(nothing, 1, inputs=[a])
+        calls = {"direct": sim.step, "empty": lambda c=capture: wp.capture_launch(c.graph), "dop853": explicit.step}
+        times = [{name: timed(call, 20) for name, call in calls.items()} for _ in range(rounds)]
+        us = {name: statistics.median(t[name] for t in times) * 1e6 for name in calls}
+        part = us["empty"] / us["direct"]
+        print(
+            f"{links:>6} {sim.launches:>9} {us['direct']:>8.1f} {us['empty']:>7.1f} {100 * part:>4.0f} % "
+            f"{us['dop853']:>8.1f}"
+        )
+
+
+COMPILE = """
+import sys, warp as wp, pbd_warp as pbd
+wp.config.log_level = wp.LOG_ERROR
+scene = pbd.load_scene(sys.argv[1])
+sim = pbd.Simulation(scene.builder.finalize(dtype="float32"), scene.settings, capture=sys.argv[2] == "fused")
+assert sim.fused == (sys.argv[2] == "fused")
+print(sim.compile_seconds)
+"""
+
+
+def compile_times() -> None:
+    print("\nseconds to compile from nothing")
+    print(f"{'scene':>10} {'fused':>7} {'launches':>9} {'ratio':>6}")
+    for scene in ("rope", "worm", "point", "collision"):
+        seconds = {}
+        for how in ("fused", "launches"):
+            with tempfile.TemporaryDirectory() as cache:
+                seconds[how] = float(
+                    subprocess.run(
+                        [sys.executable, "-c", COMPILE, scene, how],
+                        env={**os.environ, "WARP_CACHE_PATH": cache}, capture_output=True, text=True, check=True,
+                    ).stdout.split()[-1]
+                )  # fmt: skip
+        ratio = seconds["fused"] / seconds["launches"]
+        print(f"{scene:>10} {seconds['fused']:>7.2f} {seconds['launches']:>9.2f} {ratio:>6.2f}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=9, help="rounds of all in turn (9)")
@@ -197,6 +259,8 @@ def main() -> None:
     collision(rounds)
     compare_grids(rounds)
     compare_sizes(rounds)
+    direct(rounds)
+    compile_times()
 
 
 if __name__ == "__main__":

@@ -16,6 +16,9 @@ import numpy as np
 import pbd_warp as pbd
 
 FPS = 60
+AUTO = "dop853, auto"
+"""Its "steps" are the digits of the error that it is asked to keep."""
+
 Run = Callable[[], tuple[float, np.ndarray]]
 Families = dict[str, Callable[[int], Run]]
 
@@ -30,8 +33,8 @@ def ours(model: pbd.Model) -> Families:
     def family(**settings: Any) -> Callable[[int], Run]:
         def make(steps: int) -> Run:
             chosen = {"substeps": steps, **settings}
-            if "error" in settings:
-                chosen |= {"substeps": "auto", "error": settings["error"] / steps}
+            if settings.get("substeps") == "auto":
+                chosen["error"] = 10.0**-steps
             sim = pbd.Simulation(model, dt=1.0 / FPS, on_failure="continue", limits=pbd.Limits(stretch=None), **chosen)
 
             def run() -> tuple[float, np.ndarray]:
@@ -45,11 +48,16 @@ def ours(model: pbd.Model) -> Families:
         return make
 
     return {
-        "dop853, error 1e-1 m/s over": family(integrator="dop853", error=1e-1),
+        AUTO: family(integrator="dop853", substeps="auto"),
         "dop853": family(integrator="dop853"),
         "rk4": family(integrator="rk4"),
         "direct, midpoint4": family(integrator="midpoint4", method=pbd.Direct()),
-        "gauss-seidel, 1 iteration, midpoint": family(integrator="midpoint", method=pbd.GaussSeidel(iterations=1)),
+        **{
+            f"gauss-seidel, 1 iteration, {integrator}": family(
+                integrator=integrator, method=pbd.GaussSeidel(iterations=1)
+            )
+            for integrator in ("midpoint", "bdf2", "pbd")
+        },
     }
 
 

@@ -22,7 +22,7 @@ os.environ["OMP_NUM_THREADS"] = "1"  # before any peer is loaded: one core for a
 
 import numpy as np
 import warp as wp
-from peer_chains import FPS, PEERS
+from peer_chains import AUTO, FPS, PEERS
 
 import pbd_warp as pbd
 from pbd_warp.accuracy import references
@@ -31,6 +31,7 @@ from pbd_warp.accuracy.sweep import provenance
 
 ERRORS = (1e-1, 1e-2, 1e-3, 1e-5, 1e-7, 1e-9)
 HOPELESS, BEATEN = 1000.0, 8.0
+MOST_DIGITS = 13
 ROUNDS_BELOW = 0.5
 """Seconds; what takes longer is measured once."""
 
@@ -38,7 +39,7 @@ ROUNDS_BELOW = 0.5
 def chain(links: int) -> tuple[str, pbd.Model, np.ndarray]:
     builder = pbd.ModelBuilder()
     x = np.linspace([0.0, 0, 0], [1.0, 0, 0], links + 1)
-    builder.add_rope(x, mass=(links + 1.0) / links, pinned=(0,))
+    builder.add_rope(x, mass=np.full(links + 1, 1.0 / links), pinned=(0,))
     model = builder.finalize(dtype="float64")
     return f"chain of {links} links", model, references.chain([1.0], model.x, model.v, model.w, model.gravity)[0][-1]
 
@@ -82,6 +83,7 @@ def sweep(
                 if not isinstance(error, ArithmeticError | pbd.SimulationFailed):
                     break
                 took, failed = time.perf_counter() - began, True
+                ms = 1e3 * took
             else:
                 error = float(np.sqrt(np.mean(np.sum((x - reference) ** 2, axis=1))))
                 ms = 1e3 * statistics.median(repeats)
@@ -90,7 +92,7 @@ def sweep(
                 rises = rises + 1 if error >= best else 0
                 best, failed = min(best, error), False
             hopeless = any(
-                row.position_error <= best and 1e3 * took > factor * row.wall_ms_per_sim_second
+                row.position_error <= best and ms > factor * row.wall_ms_per_sim_second
                 for factor, better in ((HOPELESS, ours), (BEATEN, rows))
                 for row in better
             )
@@ -99,11 +101,11 @@ def sweep(
                 took > slowest / 2.0
                 or hopeless
                 or (rises >= 3 and best < 1e-2)
-                or steps >= 2**34
-                or (failed and steps > 64)
+                or (settings == AUTO and steps >= MOST_DIGITS)
+                or (failed and steps > 4096)
             ):
                 break
-            steps *= 10 if "error" in settings else 2
+            steps = steps + 1 if settings == AUTO else 2 * steps
     return rows
 
 
@@ -143,7 +145,7 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="*", default=["chain", "pendulum", "hanging"])
     parser.add_argument("--peers", nargs="*", default=list(PEERS), choices=list(PEERS))
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--slowest", type=float, default=5.0, help="seconds for a simulated one")
+    parser.add_argument("--slowest", type=float, default=8.0, help="seconds for a simulated one")
     parser.add_argument("--out")
     given = parser.parse_args()
     wp.config.log_level = wp.LOG_ERROR

@@ -16,10 +16,11 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.back import back_pass
+from pbd_warp.kernels.bending_row import begin_bends, bending_steps
+from pbd_warp.kernels.eliminate import eliminate_piece
 from pbd_warp.kernels.elimination import back, back_tile, forward, forward_tile
-from pbd_warp.kernels.forward import forward_pass
 from pbd_warp.kernels.link_row import SHORT
-from pbd_warp.kernels.pieces import Links, Matrix, Particles, Points, Progress, Schedule, Touching
+from pbd_warp.kernels.pieces import Bends, Links, Matrix, Particles, Points, Progress, Schedule, Touching
 from pbd_warp.kernels.ports import Ports
 from pbd_warp.kernels.precision import Real, Vec3, kernel
 from pbd_warp.kernels.progress import LAG, begin_piece, end_piece, find_stiffness, first_progress, judge_piece
@@ -46,6 +47,7 @@ def begin_pieces(
     p: Particles,
     links: Links,
     points: Points,
+    bends: Bends,
     u: wp.array[Vec3],
     progress: wp.array[Progress],  # [piece_count]
 ):
@@ -56,6 +58,8 @@ def begin_pieces(
             piece, s, rest_length, compliance, target, point_compliance, x, w, base,
             wp.float64(compliance_scale[0]), False, lam_scale, p, links, points, u,
         )  # fmt: skip
+        if bends.first:
+            begin_bends(piece, bends, x, u, wp.float64(compliance_scale[0]))
         progress[piece] = first_progress(p.gives[piece] == 0)
 
 
@@ -93,6 +97,7 @@ def eliminate_pieces(
     links: Links,
     points: Points,
     c: Touching,
+    bends: Bends,
     ports: Ports,
     progress: wp.array[Progress],
 ):
@@ -113,7 +118,7 @@ def eliminate_pieces(
         t = ports.to_tile[port]
         p.stiffness[t] = p.stiffness[t] + ports.stiffness[port]
         ports.stiffness[port] = wp.float64(0.0)
-    forward_pass(begin, end, s, m, p, links, points, c, g.rigid, False, short, g.touch, lagging)
+    eliminate_piece(piece, begin, end, s, m, p, links, points, c, bends, g.rigid, False, short, g.touch, lagging)
     for o in range(end - begin):
         t = end - 1 - o
         z = m.b[t]
@@ -162,6 +167,7 @@ def step_pieces(
     links: Links,
     points: Points,
     c: Touching,
+    bends: Bends,
     ports: Ports,
     progress: wp.array[Progress],
 ):
@@ -190,6 +196,8 @@ def step_pieces(
         begin, end, s, m, p, links, points, c, g.rigid, False, g.touch, lagging, p.mean_length[piece],
         tolerance, relative, close,
     )  # fmt: skip
+    if bends.first:
+        left = wp.max(left, bending_steps(piece, m, p, bends, tolerance, relative))
     progress[piece] = judge_piece(
         g, piece, begin, end, m, p, reach, lagging, left, contact, widest, given, switched, True
     )

@@ -30,9 +30,10 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.back import back_pass
-from pbd_warp.kernels.forward import forward_pass
+from pbd_warp.kernels.bending_row import begin_bends, bending_steps
+from pbd_warp.kernels.eliminate import eliminate_piece
 from pbd_warp.kernels.link_row import SHORT
-from pbd_warp.kernels.pieces import Links, Matrix, Particles, Points, Schedule, Touching
+from pbd_warp.kernels.pieces import Bends, Links, Matrix, Particles, Points, Schedule, Touching
 from pbd_warp.kernels.precision import Real, Vec3, kernel
 from pbd_warp.kernels.progress import LAG, begin_piece, end_piece, find_stiffness, first_progress, judge_piece
 
@@ -67,6 +68,7 @@ def solve_pieces(
     links: Links,
     points: Points,
     c: Touching,
+    bends: Bends,
     u: wp.array[Vec3],  # [particle_count] [m]
     iterations_used: wp.array[wp.int32],  # [1] of all pieces and steps of the frame
     unconverged: wp.array[wp.int32],  # [1] pieces and steps that did not reach the tolerance
@@ -82,6 +84,8 @@ def solve_pieces(
         piece, s, rest_length, compliance, target, point_compliance, x, w, base,
         wp.float64(compliance_scale[0]), mean_gradient, lam_scale, p, links, points, u,
     )  # fmt: skip
+    if bends.first:
+        begin_bends(piece, bends, x, u, wp.float64(compliance_scale[0]))
     mean_length = p.mean_length[piece]
     short = wp.float64(SHORT) * mean_length
     g = first_progress(p.gives[piece] == 0)
@@ -90,11 +94,15 @@ def solve_pieces(
         if c.head:
             find_stiffness(begin, end, s, p, links)
         lagging = (g.used / LAG) % 2 == 1
-        forward_pass(begin, end, s, m, p, links, points, c, g.rigid, mean_gradient, short, g.touch, lagging)
+        eliminate_piece(
+            piece, begin, end, s, m, p, links, points, c, bends, g.rigid, mean_gradient, short, g.touch, lagging
+        )
         left, contact, widest, given, switched, touches = back_pass(
             begin, end, s, m, p, links, points, c, g.rigid, mean_gradient, g.touch, lagging, mean_length,
             tolerance, relative, close,
         )  # fmt: skip
+        if bends.first:
+            left = wp.max(left, bending_steps(piece, m, p, bends, tolerance, relative))
         g = judge_piece(g, piece, begin, end, m, p, reach, lagging, left, contact, widest, given, switched, touches)
     end_piece(
         g, piece, begin, end, s, p, links, mean_gradient, accepted, accepted_contact, u, iterations_used, unconverged

@@ -100,6 +100,25 @@ class Points:
 
 
 @wp.struct
+class Bends:
+    """Triples that resist bending (bending_row.py), piece by piece; None where there are none."""
+
+    first: wp.array[wp.int32]  # [piece_count + 1]
+    particle: wp.array[wp.vec3i]  # [bend_count] i, j, k
+    tile: wp.array[wp.vec3i]  # [bend_count] theirs, -1: fixed
+    slot: wp.array[wp.vec3i]  # [bend_count] of the tiles where i and j, j and k, i and k meet, -1: none
+    shape: wp.array[wp.vec3d]  # [bend_count] B / l [N m], l [m], rest
+    before1: wp.array[wp.vec3d]  # [bend_count] e_1 at the start of the step [m]
+    before2: wp.array[wp.vec3d]  # [bend_count] e_2
+    start1: wp.array[wp.vec3d]  # [bend_count] e_1 with the displacement of ends that are fixed [m]
+    start2: wp.array[wp.vec3d]  # [bend_count] e_2
+    scale: wp.array[wp.float64]  # [piece_count] the integrator's force scale [s^2]
+    exact: wp.array[wp.int32]  # [piece_count] 1: the matrix has the exact derivatives
+    load: wp.array[wp.vec3d]  # [tile_count] the right side before the matrix is filled
+    softest: wp.array[wp.float64]  # [link_count] the most negative kappa where the matrix is not positive [kg]
+
+
+@wp.struct
 class Touching:
     """Contacts with what is fixed or led (touch.py); None where there are none."""
 

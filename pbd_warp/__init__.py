@@ -5,6 +5,7 @@ from pbd_warp.grab.drag import Drag
 from pbd_warp.measure import CopyMeasures, Measures, measure, measure_copies
 from pbd_warp.model.builder import ModelBuilder
 from pbd_warp.model.model import Model, State
+from pbd_warp.model.section import RoundSection
 from pbd_warp.player.motion import Motion
 from pbd_warp.preflight import PreflightWarning
 from pbd_warp.scene import Scene, load_scene, scene_names
@@ -31,6 +32,7 @@ __all__ = [
     "Motion",
     "PbdError",
     "PreflightWarning",
+    "RoundSection",
     "Scene",
     "Settings",
     "Simulation",

@@ -221,7 +221,7 @@ class Loop:
             with program.repeat(self._repetitions):
                 self.run_step()
             self.monitor.launch()
-        if program.obstacle is not None or not program.pays(self.context.model.particle_count):
+        if program.machine is None or not program.pays(self.context.model.particle_count):
             return None
         start = time.perf_counter()
         machine = program.compile(self.context.diverged)

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pbd_warp.model.graph import links_of, reach
+from pbd_warp.model.graph import Span, spans
 from pbd_warp.model.model import Model, masses
 from pbd_warp.settings import Settings
 from pbd_warp.step.divergence import STRETCHED
-from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS
-from pbd_warp.step.integrators.springs import stiffest
+from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS, limits
 from pbd_warp.step.methods.direct import Direct
 from pbd_warp.step.methods.gauss_seidel import GaussSeidel
 from pbd_warp.step.methods.jacobi import Jacobi
@@ -34,8 +33,8 @@ ROUNDED = 4.0
 ROUND_OFF = 1e-6
 """Of a length, by which it is the same."""
 
-MOST_ENDS = 64
-"""Held particles of a piece from which ways to others are sought."""
+MANY = 200.0
+"""Steps of a frame that "auto" is better not left to."""
 
 ENOUGH_SWEEPS = 5
 """Of Gauss-Seidel in a step of an integrator that keeps energy: with fewer, chains of up to 60 links gained some, in
@@ -231,37 +230,47 @@ def _precision(now: Snapshot) -> Iterator[PreflightWarning]:
         yield PreflightWarning("precision", text, float(severity))
 
 
-def _unreachable(now: Snapshot) -> Iterator[PreflightWarning]:
-    """Particles held further apart than the rigid links between them are long: the worst pair of each piece."""
+def _spans(now: Snapshot) -> list[Span]:
+    """Ropes of rigid links between particles that are held."""
     model, edges = now.model, now.model.distance
     x, held = now.x.copy(), now.w == 0.0
     rigid = model.point.compliance == 0.0
     held[model.point.particle[rigid]] = True
     x[model.point.particle[rigid]] = now.point_target[rigid]
-    links = links_of(edges.edge[edges.compliance == 0.0], edges.rest_length[edges.compliance == 0.0])
-    for piece in np.flatnonzero(np.bincount(model.component[held]) > 1):
-        ends = np.flatnonzero(held & (model.component == piece))
-        worst, text = 0.0, ""
-        for start in ends[:MOST_ENDS].tolist():
-            for end, rope in reach(links, start, held).items():
-                apart = float(np.linalg.norm(x[start] - x[end]))
-                if rope > 0.0 and apart / rope > worst:
-                    worst = apart / rope
-                    text = f"particles {start} and {end} are held {apart:.4g} m apart, on a rope of {rope:.4g} m"
-        if worst > 0.0:
-            yield PreflightWarning("unreachable", text, worst / (1.0 + ROUND_OFF))
+    links = edges.compliance == 0.0
+    return list(spans(model.component, edges.edge[links], edges.rest_length[links], x, held))
 
 
-def _stiff(now: Snapshot) -> Iterator[PreflightWarning]:
-    """An explicit step is stable up to a product of its length and the angular frequency of the stiffest swing."""
-    settings, edges = now.settings, now.model.distance
-    soft = edges.compliance > 0.0
-    if settings.auto or not np.any(soft):
-        return
-    frequency = np.sqrt(stiffest(now.x, now.w, edges.edge[soft], edges.compliance[soft]))
-    h = settings.step_dt
-    text = f"a compliance whose swings have up to {frequency:.3g} rad/s is too stiff for a step of {h:.3g} s"
-    yield PreflightWarning("step", text, h * frequency / EXPLICIT[settings.integrator].stable)
+def _unreachable(now: Snapshot) -> Iterator[PreflightWarning]:
+    """Particles held further apart than the rigid links between them are long: the worst pair of each piece."""
+    worst: dict[int, Span] = {}
+    for span in _spans(now):
+        if span.piece not in worst or span.apart / span.rope > worst[span.piece].apart / worst[span.piece].rope:
+            worst[span.piece] = span
+    for span in worst.values():
+        text = (
+            f"particles {span.start} and {span.end} are held {span.apart:.4g} m apart, on a rope of {span.rope:.4g} m"
+        )
+        yield PreflightWarning("unreachable", text, span.apart / span.rope / (1.0 + ROUND_OFF))
+
+
+def _explicit_steps(now: Snapshot) -> Iterator[PreflightWarning]:
+    """What explicit steps are too long for; and what makes those that are chosen too short to wait for."""
+    model, settings = now.model, now.settings
+    stable = EXPLICIT[settings.integrator].stable
+    w = now.w.copy()
+    w[model.point.particle] = 0.0
+    causes = [("step", found) for found in limits.stiff(model, now.x, now.w, stable)]
+    causes += [("unreachable", found) for found in limits.taut(model, w, _spans(now), stable)]
+    if not settings.auto:
+        causes += [("step", found) for found in limits.whip(model, now.x, now.v, w, limits.WAY[settings.integrator])]
+    for test, (rate, text) in causes:
+        if settings.auto:
+            steps = settings.dt * rate
+            yield PreflightWarning(test, f"{text}: some {steps:.0f} steps a frame or more", steps / MANY)
+        else:
+            h = settings.step_dt
+            yield PreflightWarning(test, f"{text} for a step of {h:.3g} s", h * rate)
 
 
 def _rounding(now: Snapshot) -> Iterator[PreflightWarning]:
@@ -275,4 +284,4 @@ def _rounding(now: Snapshot) -> Iterator[PreflightWarning]:
 
 
 CHECKS = (_unreachable, _relaxation, _truncation, _sweep_energy, _step, _precision)
-EXPLICIT_CHECKS = (_stiff, _rounding)
+EXPLICIT_CHECKS = (_unreachable, _explicit_steps, _rounding)

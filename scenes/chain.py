@@ -22,8 +22,8 @@ def scene(links: int = 9) -> pbd.Scene:
     builder.add_rope(positions, mass=1.0, pinned=(0,), radius=0.1 * LENGTH / links)
 
     def reference(time: float) -> np.ndarray:
-        w = np.full(links + 1, links + 1.0)
-        w[0] = 0.0
+        w = np.full(links + 1, float(links))
+        w[0], w[-1] = 0.0, 2.0 * links
         at_rest = np.zeros_like(positions)
         return references().chain([time], positions, at_rest, w, builder.gravity)[0][-1]
 

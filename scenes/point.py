@@ -17,7 +17,9 @@ ROUND = 2.6  # s, once around the origin
 def scene() -> pbd.Scene:
     builder = pbd.ModelBuilder(gravity=(0, 0, 0))
     x = np.linspace(0.0, LENGTH, LINKS + 1)
-    chain = builder.add_rope(np.stack([x, 0 * x, 0 * x], axis=1), mass=0.5, pinned=(), radius=0.02)
+    chain = builder.add_rope(
+        np.stack([x, 0 * x, 0 * x], axis=1), mass=[0.5 / (LINKS + 1)] * (LINKS + 1), pinned=(), radius=0.02
+    )
     builder.add_point(chain[0], target=(0.0, 0.0, 0.0))
 
     time = np.linspace(0.0, ROUND, 91)

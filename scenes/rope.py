@@ -16,7 +16,9 @@ LENGTH = 1.0  # m
 def scene() -> pbd.Scene:
     builder = pbd.ModelBuilder()
     x = np.linspace(0.0, LENGTH, LINKS + 1)
-    rope = builder.add_rope(np.stack([x, 0 * x, 0 * x], axis=1), mass=0.2, pinned=(), radius=0.01)
+    rope = builder.add_rope(
+        np.stack([x, 0 * x, 0 * x], axis=1), mass=[0.2 / (LINKS + 1)] * (LINKS + 1), pinned=(), radius=0.01
+    )
     builder.add_point(rope[0], target=(0.0, 0.0, 0.0))
     # Takes the tip where it turns back, some 64 degrees to the left, and leads it down, never quite taut.
     time = np.linspace(0.0, 2.0, 61)

@@ -118,7 +118,7 @@ def in_the_middle(model):
 @pytest.mark.parametrize("n", [1, 2, 3, 7, 20])
 def test_limits_of_relaxation_are_eigenvalues(n):
     chain = pbd.ModelBuilder()
-    chain.add_rope(np.linspace([0.0, 0, 0], [1, 0, 0], n + 1), pinned=())
+    chain.add_rope(np.linspace([0.0, 0, 0], [1, 0, 0], n + 1), mass=[1.0] * (n + 1), pinned=())
     found = {theory.chain_limit(n): chain.finalize("cpu")}
     for sides, limit in ((1, theory.bar_limit(n)), (3, theory.triangle_limit(n))):
         found[limit] = study("overconstrained", copies=n, sides=sides, misfit=0.0).builder.finalize("cpu")
@@ -166,7 +166,7 @@ def test_sag_is_where_a_hanging_chain_comes_to_rest(method, sweeps):
 
 
 def test_sweeps_for_a_stretch_leave_just_that():
-    w = theory.equal_masses(30)
+    w = theory.rope_masses(30)
     needed = theory.sweeps_for(w, 1.0 / 60.0, "jacobi")
     around = [theory.sag(w, int(k), 1.0 / 60.0, "jacobi") for k in (np.floor(needed), np.ceil(needed))]
     assert around[0] > STRETCHED > around[1]

@@ -110,11 +110,16 @@ def test_bad_input_is_one_clear_sentence(case):
     assert "\n" not in str(caught.value)
 
 
-def test_a_rope_shares_its_mass_among_all_its_particles():
+def test_a_rope_shares_its_mass_among_its_particles_by_length():
+    """Each has half of its two links; links without length count alike."""
     builder = pbd.ModelBuilder()
-    builder.add_rope(np.eye(3), mass=6.0, pinned=(0,))
+    builder.add_rope([(0, 0, 0), (1, 0, 0), (4, 0, 0)], mass=8.0, pinned=(0,))
     builder.add_rope(np.eye(3), mass=[1, 2, 4], pinned=(-1,))
-    np.testing.assert_allclose(builder.finalize().w, [0, 0.5, 0.5, 1, 0.5, 0])
+    builder.add_rope([(0, 0, 0), (1, 0, 0), (2, 0, 0)], mass=8.0, pinned=(), rest_length=[3.0, 1.0])
+    builder.add_rope(np.eye(3), mass=6.0, pinned=(), rest_length=0.0)
+    model = builder.finalize()
+    np.testing.assert_allclose(model.mass, [0, 4, 3, 1, 2, 0, 3, 4, 1, 2, 2, 2])
+    np.testing.assert_array_equal(model.distance.rest_length[4:], [3, 1, 0, 0])
 
 
 def test_rest_length_and_target_default_to_what_is_there():

@@ -197,7 +197,7 @@ def test_a_rigid_point_holds_with_the_weight_that_hangs_on_it():
     sim = run(builder.finalize(dtype="float64"), 3, converged, method=pbd.Direct())
     force = sim._loop.solver.point_reaction()
     np.testing.assert_allclose(force.sum(axis=0), [0.0, 2.0 * 9.81, 0.0], atol=1e-9)
-    np.testing.assert_allclose(sim._loop.solver.tension(), 9.81 * 2.0 / 4 * np.array([3, 2, 1]), rtol=1e-9)
+    np.testing.assert_allclose(sim._loop.solver.tension(), 9.81 * 2.0 / 6 * np.array([5, 3, 1]), rtol=1e-9)
 
 
 @both_schemes

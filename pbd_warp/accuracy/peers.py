@@ -18,7 +18,8 @@ class PeerRow(TableRow):
     """One measured configuration of one simulator; the fields are the columns of the CSV.
 
     scene: As in the charts; "chain of N links" for those that are in none.
-    steps: A frame; of "auto", what its `error` was divided by. 0: it could not be measured, and `outcome` says why.
+    steps: A frame; of "auto", the digits of the error that it was asked for. 0: it could not be measured, and `outcome`
+        says why.
     wall_ms_per_sim_second: Median of the rounds [ms].
     position_error: Root mean square over particles against the reference [m].
     outcome: "measured", or what went wrong.

@@ -10,6 +10,7 @@ import typer
 from pbd_warp import check
 from pbd_warp.accuracy.chart import best_error, flags, front, load, save
 from pbd_warp.accuracy.chart import pick as pick_row
+from pbd_warp.accuracy.peers import load as load_peers
 from pbd_warp.accuracy.plot import check_picture, draw
 from pbd_warp.accuracy.sweep import Sweep, sweep_scene
 from pbd_warp.cli.app import command
@@ -39,6 +40,9 @@ def chart(
     out: Annotated[Path | None, typer.Option(help="SCENE.svg unless given; .svg or .png.")] = None,
     csv: Annotated[Path | None, typer.Option(help="The numbers; OUT with .csv unless given.")] = None,
     from_csv: Annotated[Path | None, typer.Option(help="Draw these numbers, measure nothing.")] = None,
+    peers: Annotated[
+        Path | None, typer.Option(help="Draw other simulators' lines from this CSV of benchmarks/peers.py.")
+    ] = None,
     pick: Annotated[
         float | None, typer.Option(help="Print the cheapest settings within this error [m], as flags for run.")
     ] = None,
@@ -68,8 +72,10 @@ def chart(
         name = Path(scene or str(from_csv)).stem
         picture = out if out is not None else Path(f"{name}.svg")
         check_picture(picture)
+        others = load_peers(peers)[0] if peers is not None else ()
+        reads = {"--peers": [peers]} if peers is not None else {}
         if from_csv is not None:
-            check_apart({"--from-csv": [from_csv]}, {"--out": [picture]})
+            check_apart({"--from-csv": [from_csv], **reads}, {"--out": [picture]})
             made = load(from_csv)
         else:
             assert scene is not None
@@ -84,7 +90,7 @@ def chart(
             )
             built = scene_with(scene, {"fps": fps} if fps is not None else {}, seed, set_)
             numbers = csv if csv is not None else picture.with_suffix(".csv")
-            check_apart({"the scene": scene_file(scene)}, {"--out": [picture], "--csv": [check_file(numbers)]})
+            check_apart({"the scene": scene_file(scene), **reads}, {"--out": [picture], "--csv": [check_file(numbers)]})
             with (
                 progress_bar(f"chart {built.name}") as advance,
                 interruptible() as stop_if_asked,
@@ -92,7 +98,8 @@ def chart(
             ):
                 made = sweep_scene(built, sweep, device, advance, pool, stop_if_asked)
             save(made, numbers)
-        draw(made, picture)
+        scenes = {row.scene for row in made.rows}
+        draw(made, picture, [row for row in others if row.scene in scenes])
         tell(f"{len(made.rows)} configurations, {len(front(made.rows))} on the front: {picture}")
         if pick is not None:
             row = pick_row(made.rows, check.number("--pick", pick, above=0.0))

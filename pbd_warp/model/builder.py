@@ -12,15 +12,17 @@ from numpy.typing import ArrayLike
 from pbd_warp import check, kernel_cache
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.kernels.collider import PLANE, SPHERE
+from pbd_warp.model.bending import BendingSet
 from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
 from pbd_warp.model.copies import check_varying, replicate
 from pbd_warp.model.graph import components
 from pbd_warp.model.model import Colliders, Contacts, Model
+from pbd_warp.model.rope import RopeBuilder
 
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
 
 
-class ModelBuilder:
+class ModelBuilder(RopeBuilder):
     """Collects particles, constraints and colliders; `finalize` makes a Model of them.
 
     SI units, y up. All methods raise InputError on input that makes no sense (not finite, negative mass, radius or
@@ -36,6 +38,7 @@ class ModelBuilder:
         self._particles: list[tuple[np.ndarray, ...]] = []  # x, v, w, radius
         self._distances: list[tuple[np.ndarray, ...]] = []  # edge, rest_length, stiffness, compliance
         self._points: list[tuple[np.ndarray, ...]] = []  # particle, target, stiffness, compliance
+        self._bends: list[tuple[np.ndarray, ...]] = []  # triple, stiffness, length, rest
         self._colliders: list[tuple[np.ndarray, ...]] = []  # kind, centre, normal, size, friction, restitution
         self._ropes: list[np.ndarray] = []
         self._contacts: Contacts | None = None
@@ -44,7 +47,7 @@ class ModelBuilder:
     def __repr__(self) -> str:
         counts = {"particles": self._particles, "distances": self._distances, "points": self._points}
         each = {name: sum(len(rows[0]) for rows in chunks) for name, chunks in counts.items()}
-        each["colliders"] = len(self._colliders)
+        each |= {"bends": sum(len(rows[0]) for rows in self._bends), "colliders": len(self._colliders)}
         return f"ModelBuilder({', '.join(f'{count} {name}' for name, count in each.items() if count) or 'empty'})"
 
     def add_particle(
@@ -117,42 +120,6 @@ class ModelBuilder:
         particle = check.indices("point", [i], self.particle_count)
         target = self._positions()[particle] if target is None else check.vectors("target", [target])
         self._points.append((particle, target, *self._softness("a point", stiffness, compliance, 1)))
-
-    def add_rope(
-        self,
-        positions: ArrayLike,
-        mass: ArrayLike = 1.0,
-        pinned: Sequence[int] = (0,),
-        radius: ArrayLike = 0.0,
-        compliance: ArrayLike = 0.0,
-        stiffness: ArrayLike = 1.0,
-    ) -> range:
-        """Add a chain of particles joined by distances, and return their indices.
-
-        Args:
-            positions: [m], shape [n, 3], n >= 2.
-            mass: Of the whole rope, or one a particle [kg].
-            pinned: Which of its particles are fixed; -1 is the last.
-            radius: Of its particles [m].
-            compliance: Of each link [m/N].
-            stiffness: Of each link, 0..1.
-
-        Raises:
-            InputError: two points in a row that are the same: a link without length has no direction to act along.
-        """
-        positions = check.vectors("positions", positions)
-        n = len(positions)
-        if n < 2:
-            raise InputError(f"a rope needs at least 2 particles, not {n}")
-        same = np.flatnonzero(np.all(positions[1:] == positions[:-1], axis=1))
-        if same.size:
-            raise InputError(
-                f"points {same[0]} and {same[0] + 1} of a rope are the same: leave one of them out, or add two ropes"
-            )
-        edges = np.stack([np.arange(n - 1), np.arange(1, n)], axis=1)
-        rope = self.add_graph(positions, edges, mass, pinned, radius, compliance, stiffness)
-        self._ropes.append(np.arange(rope.start, rope.stop, dtype=np.int32))
-        return rope
 
     def add_graph(
         self,
@@ -251,6 +218,7 @@ class ModelBuilder:
             radius=radius,
             distance=distance,
             point=PointSet(*_columns(self._points, _INDEX, _VECTOR, _SCALAR, _SCALAR)),
+            bending=BendingSet(*_columns(self._bends, _INDEX_TRIPLE, _SCALAR, _SCALAR, _SCALAR)),
             contacts=self._contacts,
             colliders=Colliders(*_columns(self._colliders, _INDEX, _VECTOR, _VECTOR, _SCALAR, _SCALAR, _SCALAR)),
             ropes=tuple(self._ropes),
@@ -281,6 +249,7 @@ class ModelBuilder:
 
 
 _INDEX, _INDEX_PAIR = np.zeros(0, np.int32), np.zeros((0, 2), np.int32)
+_INDEX_TRIPLE = np.zeros((0, 3), np.int32)
 _SCALAR, _VECTOR = np.zeros(0), np.zeros((0, 3))
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pbd_warp.errors import InputError, unknown
+from pbd_warp.model.bending import BendingSet, lengths_of
 from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
 from pbd_warp.model.model import Model
 
@@ -68,7 +69,7 @@ def replicate(model: Model, n: int, varying: Mapping[str, Any]) -> Model:
     if "radius" in values:
         changes["radius"] = values["radius"]
     soft = {name: values[name] for name in values if name in OF_EDGES}
-    return _replicate(model, n, changes, soft, {})
+    return _replicate(model, n, changes, soft, {}, {})
 
 
 def join(models: list[Model]) -> Model:
@@ -91,6 +92,7 @@ def join(models: list[Model]) -> Model:
         stack("", ("x", "v", "w", "radius")),
         stack("distance", ("rest_length", "stiffness", "compliance")),
         stack("point", ("target", "stiffness", "compliance")),
+        stack("bending", ("stiffness", "rest")),
     )
 
 
@@ -100,7 +102,8 @@ def graph_of(model: Model) -> bytes:
     # What a method binds only where something is compliant belongs to the graph too.
     soft = (model.distance.compliance > 0.0, model.point.compliance > 0.0)
     colliders = [getattr(model.colliders, field.name) for field in fields(model.colliders)]
-    arrays = [model.gravity, pinned, model.distance.edge, model.point.particle, *soft, *colliders, *model.ropes]
+    arrays = [model.gravity, pinned, model.distance.edge, model.point.particle, model.bending.triple]
+    arrays += [*soft, *colliders, *model.ropes]
     head = repr((model.contacts, model.dtype, str(model.device), [a.shape for a in arrays]))
     return head.encode() + b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)
 
@@ -121,6 +124,10 @@ def copy_of(model: Model, k: int) -> Model:
             _part(model, model.point.particle, 0),
             *(_part(model, getattr(model.point, name), k) for name in ("target", "stiffness", "compliance")),
         ),
+        bending=BendingSet(
+            _part(model, model.bending.triple, 0),
+            *(_part(model, getattr(model.bending, name), k) for name in ("stiffness", "length", "rest")),
+        ),
         ropes=model.ropes[: len(model.ropes) // model.copy_count],
         component=_part(model, model.component, 0),
         copy_count=1,
@@ -132,7 +139,12 @@ def _part(model: Model, array: np.ndarray, k: int) -> np.ndarray:
 
 
 def _replicate(
-    model: Model, n: int, changes: dict[str, np.ndarray], soft: dict[str, np.ndarray], points: dict[str, np.ndarray]
+    model: Model,
+    n: int,
+    changes: dict[str, np.ndarray],
+    soft: dict[str, np.ndarray],
+    points: dict[str, np.ndarray],
+    bends: dict[str, np.ndarray],
 ) -> Model:
     """Copies with values [n, ...] in place of those of the model."""
 
@@ -157,6 +169,13 @@ def _replicate(
         numbers(model.point.particle, model.particle_count),
         *(values(model.point, name, points) for name in ("target", "stiffness", "compliance")),
     )
+    triple = numbers(model.bending.triple, model.particle_count)
+    bending = BendingSet(
+        triple,
+        values(model.bending, "stiffness", bends),
+        lengths_of(triple, distance.edge, distance.rest_length),
+        values(model.bending, "rest", bends),
+    )
     x, v = values(model, "x", changes), values(model, "v", changes)
     with np.errstate(over="ignore"):
         too_large = not np.isfinite(np.concatenate([x, v]).astype(model.dtype)).all()
@@ -170,6 +189,7 @@ def _replicate(
         radius=values(model, "radius", changes),
         distance=distance,
         point=point,
+        bending=bending,
         ropes=tuple(rope + np.int32(k * model.particle_count) for k in range(n) for rope in model.ropes),
         component=numbers(model.component, int(model.component.max()) + 1),
         copy_count=n,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -10,16 +10,21 @@ import numpy as np
 
 from pbd_warp import check
 from pbd_warp.errors import InputError
+from pbd_warp.model.bending import BendingSet, lengths_of
 from pbd_warp.model.builder import DTYPES
 from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
 from pbd_warp.model.graph import components
 from pbd_warp.model.model import Colliders, Contacts, Model
+
+Take = Callable[..., np.ndarray]
 
 
 def flat_arrays(model: Model) -> Iterator[tuple[str, np.ndarray]]:
     """Its arrays by name."""
     for field in fields(model):
         value = getattr(model, field.name)
+        if field.name == "bending" and not len(value):
+            continue  # as files of a time before it are
         if is_dataclass(value):
             for inner in fields(value):
                 yield f"{field.name}.{inner.name}", np.asarray(getattr(value, inner.name))
@@ -80,6 +85,7 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
     check_softness("a point", point.stiffness, point.compliance)
     if np.any(distance.edge[:, 0] == distance.edge[:, 1]):
         raise InputError("distance.edge joins a particle to itself")
+    bending = _bending(flat, take, in_range, distance)
     contacts = None
     if "contacts.friction" in flat:
         contacts = Contacts(float(within("contacts.friction", ())), float(within("contacts.restitution", (), 1.0)))
@@ -98,6 +104,7 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
         radius=within("radius", (n,)),
         distance=distance,
         point=point,
+        bending=bending,
         contacts=contacts,
         colliders=Colliders(
             in_range("colliders.kind", (colliders,), 2),
@@ -118,3 +125,16 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
     if not np.array_equal(model.component, components(distance.edge, n)):
         raise InputError("component is not that of the distances")
     return model
+
+
+def _bending(flat: Mapping[str, np.ndarray], take: Take, in_range: Take, distance: DistanceSet) -> BendingSet:
+    """What resists bending; nothing where a file has none."""
+    if "bending.triple" not in flat:
+        return BendingSet(np.zeros((0, 3), np.int32), np.zeros(0), np.zeros(0), np.zeros(0))
+    count = len(flat["bending.triple"]) if flat["bending.triple"].ndim else 0
+    triple = in_range("bending.triple", (count, 3), len(flat["x"]))
+    stiffness, length, rest = (take(f"bending.{name}", (count,)) for name in ("stiffness", "length", "rest"))
+    if np.any(stiffness <= 0.0) or np.any(length <= 0.0) or np.any(rest < 0.0):
+        raise InputError("bending.stiffness, bending.length or bending.rest has values out of range")
+    lengths_of(triple, distance.edge, distance.rest_length)
+    return BendingSet(triple, stiffness, length, rest)

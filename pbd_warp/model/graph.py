@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import heapq
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
+
+MOST_ENDS = 64
+"""Held particles of a piece from which ways to others are sought."""
 
 
 def links_of(edge: np.ndarray, length: np.ndarray) -> dict[int, list[tuple[int, float]]]:
@@ -33,6 +38,43 @@ def reach(links: dict[int, list[tuple[int, float]]], start: int, held: np.ndarra
             continue
         for to, rest in links.get(at, []):
             heapq.heappush(queue, (way + rest, to, steps + 1))
+    return found
+
+
+@dataclass(frozen=True)
+class Span:
+    """A rope of rigid links from one held particle to another, and how far they are apart [m]."""
+
+    piece: int
+    start: int
+    end: int
+    apart: float
+    rope: float
+
+
+def spans(
+    component: np.ndarray, edge: np.ndarray, length: np.ndarray, x: np.ndarray, held: np.ndarray
+) -> Iterator[Span]:
+    """The shortest ropes between particles that are held, bool [particle_count]."""
+    links = links_of(edge, length)
+    for piece in np.flatnonzero(np.bincount(component[held]) > 1).tolist():
+        for start in np.flatnonzero(held & (component == piece))[:MOST_ENDS].tolist():
+            for end, rope in reach(links, start, held).items():
+                if rope > 0.0 and start < end:
+                    yield Span(piece, start, end, float(np.linalg.norm(x[start] - x[end])), rope)
+
+
+def lowest(links: dict[int, list[tuple[int, float]]], held: dict[int, float]) -> dict[int, float]:
+    """How low each particle could hang [m], by the heights of those that are held: straight down from one of them."""
+    found: dict[int, float] = {}
+    queue = [(-height, at) for at, height in held.items()]  # the depth; the least of all ways is the one that holds
+    heapq.heapify(queue)
+    while queue:
+        depth, at = heapq.heappop(queue)
+        if at not in found:
+            found[at] = -depth
+            for to, rest in links.get(at, []):
+                heapq.heappush(queue, (depth + rest, to))
     return found
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from pbd_warp.model.bending import BendingSet
 from pbd_warp.model.constraints import DistanceSet, PointSet
 
 
@@ -60,6 +61,7 @@ class Model:
     radius: np.ndarray
     distance: DistanceSet
     point: PointSet
+    bending: BendingSet
     contacts: Contacts | None
     colliders: Colliders
     ropes: tuple[np.ndarray, ...]
@@ -74,7 +76,7 @@ class Model:
 
     @property
     def constraint_count(self) -> int:
-        return len(self.distance) + len(self.point)
+        return len(self.distance) + len(self.point) + len(self.bending)
 
     @property
     def copy_size(self) -> int:
@@ -104,7 +106,8 @@ class Model:
         vars(self).update(state, device=wp.get_device(state["device"]), real=getattr(wp, state["real"]))
 
     def __repr__(self) -> str:
-        counts = {"distances": len(self.distance), "points": len(self.point), "colliders": len(self.colliders.kind)}
+        counts = {"distances": len(self.distance), "points": len(self.point), "bends": len(self.bending)}
+        counts["colliders"] = len(self.colliders.kind)
         there = "".join(f", {count} {name}" for name, count in counts.items() if count)
         contacts = ", contacts" if self.contacts else ""
         copies = f" in {self.copy_count} copies" if self.copy_count > 1 else ""

@@ -148,7 +148,7 @@ SWEEP_NUMBER = Map(
 def _hanging(method: str, steps: bool) -> Boundary:
     @cache
     def needed(links: float) -> float:
-        return theory.sweeps_for(theory.equal_masses(links), 1.0 / 60.0, method, steps=steps)
+        return theory.sweeps_for(theory.rope_masses(links), 1.0 / 60.0, method, steps=steps)
 
     return Boundary(needed, "sag of 10 %, from the sweep's matrix", fails="below")
 

@@ -114,9 +114,10 @@ def sweeps_for(inverse_mass: np.ndarray, frame: float, method: str, load: float 
     return low + np.log(above / STRETCHED) / np.log(above / below)
 
 
-def equal_masses(links: float) -> np.ndarray:
-    """Inverse masses of a chain whose first particle is fixed, up to a factor, shape [links + 1]."""
-    return np.r_[0.0, np.ones(round(links))]
+def rope_masses(links: float) -> np.ndarray:
+    """Inverse masses of a rope whose first particle is fixed, up to a factor, shape [links + 1]; the last particle has
+    half of one link, the others half of two."""
+    return np.r_[0.0, np.ones(round(links) - 1), 2.0]
 
 
 def heavy_bob(ratio: float, links: int) -> np.ndarray:

@@ -79,7 +79,7 @@ class Context:
     def upload(self, name: str, values: Any, dtype: Any = None) -> wp.array:
         """A device array, by default in the model's precision; `name` is what the cost sheet calls it."""
         self.arrays[name] = wp.array(np.asarray(values), dtype=dtype or self.real, device=self.model.device)
-        if dtype in (wp.int32, wp.vec2i):
+        if dtype in (wp.int32, wp.vec2i, wp.vec3i):
             self.fixed.add(name)
         return self.arrays[name]
 

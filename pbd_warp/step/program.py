@@ -12,6 +12,7 @@ import warp as wp
 
 from pbd_warp.kernels import (
     bdf2,
+    bending,
     bounce,
     collider,
     contact,
@@ -57,11 +58,13 @@ CONTACTS = (
     *(contact.find_close_contacts, collider.find_collider_contacts, contact.note_overflow, contact.project_contact),
     *(bounce.count_active, bounce.bounce),
 )
+BENDING = (bending.project_bending,)
 MACHINES = {
     "first_order": BASE + FIRST_ORDER,
     "second_order": BASE + SECOND_ORDER,
     "first_order_seldom": BASE + FIRST_ORDER + SELDOM,
     "second_order_seldom": BASE + SECOND_ORDER + SELDOM,
+    "bending": BASE + FIRST_ORDER + SECOND_ORDER + SELDOM + BENDING,
     "contacts": BASE + FIRST_ORDER + CONTACTS,
     "contacts_seldom": BASE + FIRST_ORDER + CONTACTS + SELDOM,
 }
@@ -119,6 +122,13 @@ class Program:
         self._operations.append((machine.STEP, 0, times, head))
 
     @property
+    def machine(self) -> str | None:
+        """The smallest machine that has all passes, None where none does or there is an obstacle."""
+        used = set(self._arguments)
+        fits = (name for name, passes in MACHINES.items() if used <= set(passes))
+        return next(fits, None) if self.obstacle is None else None
+
+    @property
     def passes(self) -> int:
         """How many are written down."""
         return len(self._operations)
@@ -129,8 +139,8 @@ class Program:
 
     def compile(self, diverged: wp.array) -> Machine:
         """What makes frames of it; `diverged` stops it."""
-        used = set(self._arguments)
-        name = next(name for name, passes in MACHINES.items() if used <= set(passes))
+        name = self.machine
+        assert name is not None
         kernel, structs = load_machine(name, self._real)
         passes = MACHINES[name]
         operations = [

@@ -82,11 +82,12 @@ class System:
     links: pieces.Links
     points: pieces.Points
     touching: pieces.Touching
+    bends: pieces.Bends
 
     @property
     def parts(self) -> tuple[Any, ...]:
         """As kernels take them, after the schedule."""
-        return self.matrix, self.particles, self.links, self.points, self.touching
+        return self.matrix, self.particles, self.links, self.points, self.touching, self.bends
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,7 @@ class Coupling:
             begin_pieces,
             self._count,
             *(system.schedule, *model, base, stage.compliance_scale, stage.lam_scale),
-            *(self.coupled, p, system.links, system.points, context.u, self._pieces),
+            *(self.coupled, p, system.links, system.points, system.bends, context.u, self._pieces),
         )
         self._follow()
         launch(begin_iterations, 1, self._ports, self._progress, going)

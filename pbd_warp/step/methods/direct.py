@@ -17,6 +17,7 @@ from pbd_warp.model.model import Model
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.constraints.distance import LimitedLengths
 from pbd_warp.step.context import Context, Stage
+from pbd_warp.step.methods.bends import bind_bends
 from pbd_warp.step.methods.coupling import Coupling, PairSource, System, Tolerance
 from pbd_warp.step.methods.iteration import check_iterations
 from pbd_warp.step.methods.schedule import Schedule, schedule
@@ -98,7 +99,7 @@ class DirectSolver:
         edges, points = model.distance, model.point
         alone = np.full(model.particle_count, contacts is not None)
         alone[points.particle] = True
-        self.schedule = s = schedule(edges.edge, model.w > 0.0, alone)
+        self.schedule = s = schedule(edges.edge, model.w > 0.0, alone, model.bending.triple)
         self._device_schedule = pieces.Schedule()
         for field in fields(Schedule):
             if field.name != "link" and field.name != "tile":
@@ -119,8 +120,9 @@ class DirectSolver:
             self._bind_points(points, s)
         self._touches = Touches(context, contacts, self._particles) if contacts else None
         touching = self._touches.contacts if self._touches else pieces.Touching()
+        bends = bind_bends(context, model.bending, s, self._links)
         self._system = System(
-            *(self._device_schedule, self._matrix, self._particles, self._links, self._points, touching)
+            *(self._device_schedule, self._matrix, self._particles, self._links, self._points, touching, bends)
         )
         self._coupling: Coupling | None = None
         if contacts and contacts.pairs:

@@ -10,6 +10,7 @@ import warp as wp
 
 from pbd_warp.kernels.jacobi import add_corrections
 from pbd_warp.model.model import Model
+from pbd_warp.step.constraints.bending import Bends
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.constraints.distance import Distances
 from pbd_warp.step.constraints.point import Points
@@ -56,13 +57,17 @@ class GaussSeidelSolver:
     def __init__(self, method: GaussSeidel, context: Context, contacts: ContactConstraints | None):
         self._context = context
         self._contacts = contacts
-        edges, points = context.model.distance, context.model.point
-        self._groups: list[Distances | Points] = [
+        edges, points, bending = context.model.distance, context.model.point, context.model.bending
+        self._groups: list[Distances | Points | Bends] = [
             Distances(context, edges.subset(group), method.iterations, f"distance.{colour}")
             for colour, group in enumerate(_colours_of_copies(edges.edge, context.model.copy_count))
         ]
         if len(points):
             self._groups.append(Points(context, method.iterations))
+        self._groups += [
+            Bends(context, bending.subset(group), f"bending.{colour}")
+            for colour, group in enumerate(colours(bending.triple))
+        ]
         self._iterations = Iterations(context, method.iterations, method.tolerance)
         self.counters = self._iterations.counters
         if contacts:
@@ -99,13 +104,14 @@ def _colours_of_copies(edge: np.ndarray, copies: int) -> list[np.ndarray]:
 
 
 def colours(edge: np.ndarray) -> list[np.ndarray]:
-    """Groups of edges of which no two share a particle: a colouring of the graph whose nodes are the edges."""
+    """Groups of edges (or triples, [m, width]) of which no two share a particle: a colouring of the graph whose nodes
+    are the edges."""
     m = len(edge)
     if m == 0:
         return []
     # Edges around a particle are neighbours of each other: all pairs within each run of equal particles.
     order = np.argsort(edge.ravel(), kind="stable")
-    particle, owner = edge.ravel()[order], order // 2
+    particle, owner = edge.ravel()[order], order // edge.shape[1]
     pairs = []
     for distance in range(1, int(np.bincount(particle).max())):
         same = particle[distance:] == particle[:-distance]

@@ -12,6 +12,7 @@ from pbd_warp import check
 from pbd_warp.errors import InputError, unknown
 from pbd_warp.kernels.jacobi import add_corrections, add_corrections_accelerated
 from pbd_warp.model.model import Model
+from pbd_warp.step.constraints.bending import Bends
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.constraints.distance import Distances
 from pbd_warp.step.constraints.point import Points
@@ -79,6 +80,7 @@ class Jacobi:
         count = np.zeros(model.particle_count, np.int32)
         model.distance.valence(count)
         model.point.valence(count)
+        model.bending.valence(count)
         return count
 
     def bind(self, context: Context, contacts: ContactConstraints | None) -> JacobiSolver:
@@ -91,22 +93,25 @@ class JacobiSolver:
     def __init__(self, method: Jacobi, context: Context, contacts: ContactConstraints | None):
         model = context.model
         compliant = bool(np.any(model.distance.compliance > 0.0) or np.any(model.point.compliance > 0.0))
-        if method.averaging == "valence" and compliant:
+        soft = "bending" if len(model.bending) else "compliance" if compliant else ""
+        if method.averaging == "valence" and soft:
             raise InputError(
-                "compliance needs averaging 'mass-splitting' or 'none': 'valence' moves the particles by "
-                "less than the multipliers say"
+                f"{soft} needs averaging 'mass-splitting' or 'none': 'valence' moves the particles by less than the "
+                "multipliers say"
             )
-        if method.chebyshev is not None and (compliant or contacts):
+        if method.chebyshev is not None and (soft or contacts):
             raise InputError(
                 "chebyshev is for rigid constraints without contacts: leave it out, or use GaussSeidel or Direct"
             )
         self._context = context
         self._method = method
-        self._constraints: list[Distances | Points | ContactConstraints] = []
+        self._constraints: list[Distances | Points | Bends | ContactConstraints] = []
         if len(model.distance):
             self._constraints.append(Distances(context, model.distance, method.iterations))
         if len(model.point):
             self._constraints.append(Points(context, method.iterations))
+        if len(model.bending):
+            self._constraints.append(Bends(context, model.bending))
         if contacts:
             self._constraints.append(contacts)
         self._correction = context.allocate("jacobi.correction", model.particle_count, context.vec3)

@@ -14,6 +14,8 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
+NO_TRIPLES = np.zeros((0, 3), int)
+
 
 @dataclass(frozen=True)
 class Schedule:
@@ -46,16 +48,19 @@ class Schedule:
     filled: np.ndarray
 
 
-def schedule(edge: np.ndarray, free: np.ndarray, alone: np.ndarray) -> Schedule:
+def schedule(edge: np.ndarray, free: np.ndarray, alone: np.ndarray, triple: np.ndarray = NO_TRIPLES) -> Schedule:
     """For the graph `edge` [edge_count, 2] of particles of which some are `free` (bool [particle_count]).
 
-    `alone`: bool [particle_count], free particles that get a tile even where no edge holds them.
+    `alone`: bool [particle_count], free particles that get a tile even where no edge holds them. `triple`: int
+    [bend_count, 3], particles of which all meet, as those that resist bending; where there are any, every tile of the
+    matrix is cleared before it is filled, so none is `fresh` or `filled`.
     """
     count = len(free)
-    meets = free[edge].all(axis=1) if len(edge) else np.zeros(0, bool)
+    pairs = np.concatenate([edge.reshape(-1, 2), triple[:, ::2]])
+    meets = free[pairs].all(axis=1)
     solved = alone & free
     solved[edge[free[edge]]] = True
-    order, columns = minimum_degree(count, edge[meets], np.flatnonzero(solved))
+    order, columns = minimum_degree(count, pairs[meets], np.flatnonzero(solved))
     piece = _pieces(order, columns)
     order = order[np.argsort(piece[order], kind="stable")]
     n = len(order)
@@ -80,9 +85,11 @@ def schedule(edge: np.ndarray, free: np.ndarray, alone: np.ndarray) -> Schedule:
     slot = np.where(other >= 0, np.searchsorted(column * n + row, own * n + other), -1)
     taken, first = np.unique(slot, return_index=True)
     fresh = np.zeros(len(slot), int)
-    fresh[first[taken >= 0]] = 1
-    filled = np.ones(len(row), int)
-    filled[taken[taken >= 0]] = 0
+    filled = np.zeros(len(row), int)
+    if not len(triple):
+        fresh[first[taken >= 0]] = 1
+        filled[:] = 1
+        filled[taken[taken >= 0]] = 0
     return Schedule(
         particle=order,
         tile=tile,
@@ -100,6 +107,14 @@ def schedule(edge: np.ndarray, free: np.ndarray, alone: np.ndarray) -> Schedule:
         fresh=fresh,
         filled=filled,
     )
+
+
+def slots(s: Schedule, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Where tiles a and b meet, as places in `row`; -1 where one of them is none."""
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    column = np.repeat(np.arange(len(s.particle)), np.diff(s.column_first))
+    at = np.searchsorted(column * len(s.particle) + s.row, low * len(s.particle) + high)
+    return np.where(low >= 0, at, -1)
 
 
 def minimum_degree(count: int, edge: np.ndarray, vertices: np.ndarray) -> tuple[np.ndarray, dict[int, set[int]]]:
