@@ -6,7 +6,7 @@ from models import state
 from solving import EPS, converged, run
 
 import pbd_warp as pbd
-from pbd_warp.step.methods.direct import ACCEPTED_CONTACT, COARSER, TOLERANCE
+from pbd_warp.step.methods.direct import ACCEPTED_CONTACT
 
 both_precisions = pytest.mark.parametrize("dtype", EPS)
 
@@ -48,7 +48,7 @@ def test_every_step_obeys_momentum_signorini_and_coulomb(friction):
         np.add.at(momentum, edge[:, 0], pull)
         np.add.at(momentum, edge[:, 1], -pull)
         # What counts as converged, of a link's length and of what forces move.
-        accepted = ACCEPTED_CONTACT * COARSER * TOLERANCE["float64"]
+        accepted = ACCEPTED_CONTACT["float64"]
         size = rest.mean() / (model.w.max() * h * h) + np.abs(pull).max()
         assert np.abs(momentum).max() < accepted * size
         balanced.append(np.abs(momentum).max() / size)

@@ -33,8 +33,9 @@ ACCEPTED = {"float32": 1e-6, "float64": 1e-11}
 COARSER = 100.0
 """Tolerances of links that gap, slip and force of a contact may be off by; besides, the rounding of positions."""
 
-ACCEPTED_CONTACT = 10.0
-"""Times that: what still counts as converged where the iterations end above it."""
+ACCEPTED_CONTACT = {"float32": 1e-7, "float64": 1e-9}
+"""What of a contact still counts as converged where the iterations end above that, of its size and what it moves; in
+float32 besides 10 times the rounding of positions."""
 
 PROXIMAL = 1e-9
 """Of what moves both ends of a link: the compliance of a step of the proximal method; less in long pieces, and in such
@@ -130,8 +131,9 @@ class DirectSolver:
         self._base = context.allocate("direct.base", model.particle_count, context.vec3)
         self._force_scale = context.allocate("direct.force_scale", 1, context.real)
         relative = TOLERANCE[model.dtype]
-        accepted = ACCEPTED[model.dtype] / relative
-        self._until = Tolerance(method.iterations, 0.0, relative, COARSER * relative, accepted, ACCEPTED_CONTACT)
+        close = COARSER * relative
+        accepted = ACCEPTED[model.dtype] / relative, ACCEPTED_CONTACT[model.dtype] / close
+        self._until = Tolerance(method.iterations, 0.0, relative, close, *accepted)
         if method.tolerance is not None:
             self._until = Tolerance(method.iterations, method.tolerance, 0.0, 0.0, 1.0, 1.0)
         self.counters = context.allocate("direct.counters", 2, wp.int32)
