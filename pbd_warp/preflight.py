@@ -26,7 +26,6 @@ WHIP = 0.3
 NOISE = 0.01
 """Velocity from rounding positions, relative to that of falling by a link's length, that counts as a failure."""
 
-
 ROUNDED = 4.0
 """Machine epsilons that a position is off after a hundred steps: a random walk in halves."""
 
@@ -90,7 +89,7 @@ class Snapshot:
     """A simulation at one moment, on the host.
 
     x, v: float64 [particle_count, 3] [m], [m/s]. w: Inverse masses [1/kg], 0 also for what is held. point_target:
-    [point_count, 3] [m].
+    [point_count, 3] [m]. overlaps: How deep particles are in colliders, and in which; None where nobody knows.
     """
 
     model: Model
@@ -99,6 +98,7 @@ class Snapshot:
     v: np.ndarray
     w: np.ndarray
     point_target: np.ndarray
+    overlaps: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def before(self) -> Snapshot:
@@ -213,6 +213,19 @@ def _step(now: Snapshot) -> Iterator[PreflightWarning]:
         yield PreflightWarning("speed", text, float(speed * h / (2.0 * smallest)))
 
 
+def _overlap(now: Snapshot) -> Iterator[PreflightWarning]:
+    """What has its middle inside of a collider is put out of it in a step, and keeps the speed of that."""
+    model = now.model
+    if now.overlaps is None or not len(model.colliders) or now.settings.depenetration_speed is not None:
+        return
+    depth = np.where(now.w > 0.0, now.overlaps[0], 0.0)
+    worst = int(np.argmax(depth))
+    if depth[worst] > 0.0:
+        name, speed = model.colliders.name(int(now.overlaps[1][worst])), depth[worst] / now.settings.step_dt
+        text = f"particle {worst} begins {depth[worst]:.3g} m inside {name}, which it leaves at {speed:.3g} m/s"
+        yield PreflightWarning("overlap", text, float(depth[worst] / (1.001 * model.radius[worst] + ROUND_OFF)))
+
+
 def _precision(now: Snapshot) -> Iterator[PreflightWarning]:
     """Positions are stored rounded: far out each step makes velocity out of that."""
     model = now.model
@@ -283,5 +296,5 @@ def _rounding(now: Snapshot) -> Iterator[PreflightWarning]:
     yield PreflightWarning("precision", text, rounding / now.settings.error)
 
 
-CHECKS = (_unreachable, _relaxation, _truncation, _sweep_energy, _step, _precision)
+CHECKS = (_unreachable, _relaxation, _truncation, _sweep_energy, _step, _overlap, _precision)
 EXPLICIT_CHECKS = (_unreachable, _explicit_steps, _rounding)

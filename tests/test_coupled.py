@@ -18,7 +18,9 @@ def ropes_across(friction, fixed=True, dtype="float64", **kwargs):
     t = np.linspace(-1.0, 1.0, 21)
     held = (0, 20) if fixed else ()
     low = builder.add_rope(np.c_[0.49 * t, 0.05 * t * t, 0 * t], mass=1.0, pinned=held, radius=RADIUS)
-    high = builder.add_rope(np.c_[0.003 + 0.02 * t * t, 0.015 + 0.02 * t * t, 0.49 * t], mass=0.5, pinned=(), radius=RADIUS)
+    high = builder.add_rope(
+        np.c_[0.003 + 0.02 * t * t, 0.015 + 0.02 * t * t, 0.49 * t], mass=0.5, pinned=(), radius=RADIUS
+    )
     builder.enable_contacts(friction=friction)
     return builder.finalize(dtype=dtype), low, high
 

@@ -34,7 +34,8 @@ class Touches:
         ):
             setattr(self.contacts, name, context.allocate(f"direct.contact_{name}", size, dtype))
         particles.stiffness = context.allocate("direct.stiffness", len(particles.mass), wp.float64)
-        self._memory = context.allocate("direct.contact_memory", count * len(found.kind), wp.vec3d)
+        self._flat_or_round = found.colliders.flat_or_round()
+        self._memory = context.allocate("direct.contact_memory", count * len(context.model.colliders), wp.vec3d)
         self._round_off = float(np.finfo(context.model.dtype).eps)
 
     def restart(self) -> None:
@@ -49,8 +50,8 @@ class Touches:
         context.launch(
             list_contacts,
             found.capacity,
-            *(found.kind, found.centre, found.friction, found.collider_friction),
-            *(context.state.x, context.w, *found.found, found.radius, context.u),
+            *(*self._flat_or_round, found.friction, found.colliders.friction),
+            *(context.state.x, context.w, *found.found, found.carried, found.radius, context.u),
             *(self._memory, stage.lam_scale, self._round_off, self.contacts),
         )
 
@@ -62,7 +63,7 @@ class Touches:
             note_contacts,
             found.capacity,
             *(found.count, found.pair, self.contacts, context.u),
-            *(found.lam, found.normal, len(found.kind), self._memory),
+            *(found.lam, found.normal, len(context.model.colliders), self._memory),
         )
 
     def force(self) -> np.ndarray:
