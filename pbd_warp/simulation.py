@@ -259,8 +259,9 @@ class Simulation(BuiltForSettings, Readings, Playable):
         return False
 
     def _note_failed(self, copies: Mapping[int, Failure]) -> None:
-        self.failures |= failed_copies(self._when, self._snapshot(), copies)
-        self._loop.lay_to_rest(list(copies))
+        new = {k: failure for k, failure in copies.items() if k not in self.failures}
+        self.failures |= failed_copies(self._when, self._snapshot(), new, self.missed)
+        self._loop.lay_to_rest(list(new))
         if len(self.failures) == self.model.copy_count:
             raise SimulationFailed(f"all {self.model.copy_count} copies have diverged, copy 0 in {self.failures[0]}")
 
