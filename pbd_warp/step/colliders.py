@@ -37,6 +37,7 @@ class ColliderShapes:
         self.shapes = np.flatnonzero(~plain)
         self.moving = bool(np.any(c.moves))
         self._start: tuple[wp.array, ...] = ()
+        self._state: tuple[wp.array, ...] = ()
         if len(self._plain):
             some = self._plain
             self._plain_arrays = (
