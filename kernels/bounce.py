@@ -13,7 +13,7 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.contact import friction_of
-from pbd_warp.kernels.precision import Real, Vec3, func, index, step_pass
+from pbd_warp.kernels.precision import Real, Vec3, index, step_pass
 
 
 @step_pass
@@ -30,30 +30,6 @@ def count_active(
         wp.atomic_add(valence, pair[k][0], 1)
         if pair[k][1] >= 0:
             wp.atomic_add(valence, pair[k][1], 1)
-
-
-@func
-def change_of_impact(
-    relative: Vec3,  # velocity after the projection [m/s]
-    before: Vec3,  # and after line 5
-    n: Vec3,
-    restitution: Real,
-    friction: Real,
-    resting: Real,  # approach slower than this does not bounce [m/s]
-):
-    """By how much line 16 changes the relative velocity of a contact that pushed."""
-    v_n = wp.dot(n, relative)
-    approach = wp.dot(n, before)
-    change = -v_n
-    if -approach > resting:  # which is at least 0: what parts does not bounce
-        change = -restitution * approach - v_n
-    slide = relative - v_n * n
-    speed = wp.length(slide)
-    grip = wp.min(friction * wp.max(change, Real(0.0)), speed)
-    impulse = change * n
-    if grip > Real(0.0):
-        impulse = impulse - slide * (grip / speed)
-    return impulse
 
 
 @step_pass
@@ -105,8 +81,18 @@ def bounce(
         if carried:
             relative = relative - carried[k] / dt
             before = before - carried[k] / dt
-    mu = friction_of(j, friction, collider_friction)
-    impulse = change_of_impact(relative, before, n, e, mu, resting) / weight
+    v_n = wp.dot(n, relative)
+    approach = wp.dot(n, before)
+    if -approach <= resting:  # which is at least 0: so does nothing that parts
+        e = Real(0.0)
+    change = -e * approach - v_n
+    slide = relative - v_n * n
+    speed = wp.length(slide)
+    grip = wp.min(friction_of(j, friction, collider_friction) * wp.max(change, Real(0.0)), speed)
+    impulse = n * change
+    if grip > Real(0.0):
+        impulse = impulse - slide * (grip / speed)
+    impulse = impulse / weight
     wp.atomic_add(dv, i, w_i * impulse)
     if j >= 0:
         wp.atomic_sub(dv, j, w_j * impulse)

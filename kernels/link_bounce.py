@@ -4,9 +4,32 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.bounce import change_of_impact
 from pbd_warp.kernels.contact import friction_of
-from pbd_warp.kernels.precision import Real, Vec3, Vec4, kernel
+from pbd_warp.kernels.precision import Real, Vec3, Vec4, func, kernel
+
+
+@func
+def change_of_impact(
+    relative: Vec3,  # velocity after the projection [m/s]
+    before: Vec3,  # and after line 5
+    n: Vec3,
+    restitution: Real,
+    friction: Real,
+    resting: Real,  # approach slower than this does not bounce [m/s]
+):
+    """By how much line 16 changes the relative velocity of a contact that pushed."""
+    v_n = wp.dot(n, relative)
+    approach = wp.dot(n, before)
+    change = -v_n
+    if -approach > resting:  # which is at least 0: what parts does not bounce
+        change = -restitution * approach - v_n
+    slide = relative - v_n * n
+    speed = wp.length(slide)
+    grip = wp.min(friction * wp.max(change, Real(0.0)), speed)
+    impulse = change * n
+    if grip > Real(0.0):
+        impulse = impulse - slide * (grip / speed)
+    return impulse
 
 
 @kernel
