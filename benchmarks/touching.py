@@ -3,8 +3,8 @@
     python benchmarks/touching.py
 
 Pairs of rods that as good as touch, one across the other at their middles where links collide, end to end where
-particles do. No gravity, so that they stay; both in turn, the median over rounds of the ratio. Then link contacts with a
-grid over those where each link looks at all others, which says from how many links on a grid pays (WITHOUT_GRID of
+particles do. No gravity, so that they stay; both in turn, the median over rounds of the ratio. Then link contacts with
+a grid over those where each link looks at all others, which says from how many links on a grid pays (WITHOUT_GRID of
 step/constraints/link_contact.py).
 """
 
