@@ -91,7 +91,7 @@ def sweep(
                 rows.append(PeerRow(scene, peer, settings, steps, ms, spread, error, "measured"))
                 rises = rises + 1 if error >= best else 0
                 best, failed = min(best, error), False
-            hopeless = any(
+            hopeless = not failed and any(
                 row.position_error <= best and ms > factor * row.wall_ms_per_sim_second
                 for factor, better in ((HOPELESS, ours), (BEATEN, rows))
                 for row in better
