@@ -12,7 +12,6 @@ from pbd_warp.view import messages as say
 from pbd_warp.view.remedies import remedies
 from pbd_warp.view.report import description, status
 
-
 SOLID = {"knot"}
 """Scenes that do not lie in a plane."""
 
