@@ -24,6 +24,7 @@ class Measures:
     kinetic: The first of these [J].
     momentum [kg m/s], angular_momentum about the origin [kg m^2/s]: of all free particles, shape [3].
     forces: Tensions, reactions and contact forces of the last step; None where the method does not keep them.
+    crossings: How often a link passed through another so far; None where nobody watches (`sim.watch_crossings`).
     """
 
     residual: float
@@ -35,6 +36,7 @@ class Measures:
     momentum: np.ndarray
     angular_momentum: np.ndarray
     forces: Forces | None
+    crossings: int | None
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ def measure(sim: Simulation) -> Measures:
             momentum=each.momentum.sum(axis=0),
             angular_momentum=each.angular_momentum.sum(axis=0),
             forces=sim.forces if sim.keeps_forces else None,
+            crossings=len(sim.crossings) if sim.watches_crossings else None,
         )
 
 

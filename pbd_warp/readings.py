@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pbd_warp.crossings import Crossing
 from pbd_warp.errors import InputError
 from pbd_warp.forces import Forces, constraint_forces
 from pbd_warp.loop import Loop
@@ -11,6 +12,7 @@ from pbd_warp.model.model import Model, State
 from pbd_warp.settings import Settings
 from pbd_warp.step.context import Context
 from pbd_warp.step.methods.direct import DirectSolver
+from pbd_warp.watch import CrossingWatch
 
 
 class Readings:
@@ -22,6 +24,27 @@ class Readings:
     _loop: Loop
     _maker: Loop  # of the last frame: another one's, where it was made again
     _context: Context
+    _watch: CrossingWatch | None = None
+
+    def watch_crossings(self) -> None:
+        """From now on look after every frame whether one strand passed through another (`crossings`)."""
+        self._watch = CrossingWatch(self.model, self.positions.astype(np.float64))
+
+    @property
+    def watches_crossings(self) -> bool:
+        """Whether `watch_crossings` was called."""
+        return self._watch is not None
+
+    @property
+    def crossings(self) -> list[Crossing]:
+        """Every passage of a link's axis through another's since `watch_crossings`, in time.
+
+        Raises:
+            InputError: nobody watches.
+        """
+        if self._watch is None:
+            raise InputError("crossings are looked for only where it is asked for: call watch_crossings() first")
+        return list(self._watch.found)
 
     @property
     def positions(self) -> np.ndarray:

@@ -78,11 +78,13 @@ class Simulation(BuiltForSettings, Readings, Playable):
         last = self.frame + check.whole("frames", frames, low=1)
         while self.frame < last:
             moves = self._moved.begin_frame(self.frame)
-            self.frame += self._loop.make_frames(1 if moves else last - self.frame)
+            self.frame += self._loop.make_frames(1 if moves or self._watch else last - self.frame)
             self._maker = self._loop
             failure = self._loop.find_failure()
             if failure is not None:
                 self._recover(failure)
+            if self._watch:
+                self._watch.look(self.positions.astype(np.float64), self.frame)
 
     def _recover(self, failure: Failure) -> None:
         """Make the frame just made again, as the settings say, or raise."""
@@ -108,6 +110,8 @@ class Simulation(BuiltForSettings, Readings, Playable):
             self.point_target.assign(self.model.point.target)
         self.frame = self.retried = 0
         self._maker = self._loop
+        if self._watch:
+            self.watch_crossings()
         self._loop.restart()
 
     def like(self, settings: Settings | None = None, **changes: Any) -> Simulation:
@@ -119,7 +123,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         positions, velocities, grabbed particle and point targets. Integrator and method begin anew."""
         other = self.like(settings, **changes)
         other._take_over(self)
-        other.retried = self.retried
+        other.retried, other._watch = self.retried, self._watch
         return other
 
     def save(self, path: str | Path, extra: Mapping[str, Any] | None = None) -> None:
@@ -286,6 +290,8 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self.failures = dict(checkpoint.progress["failures"])
         self._maker = self._loop
         self._moved.restore(memory)
+        if self._watch:
+            self.watch_crossings()
 
     def _snapshot(self) -> Snapshot:
         x, v, w = (array.numpy().astype(np.float64) for array in (self.state.x, self.state.v, self._context.w))
