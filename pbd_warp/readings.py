@@ -21,6 +21,7 @@ class Readings:
     model: Model
     settings: Settings
     state: State
+    frame: int
     _loop: Loop
     _maker: Loop  # of the last frame: another one's, where it was made again
     _context: Context
@@ -29,6 +30,15 @@ class Readings:
     def watch_crossings(self) -> None:
         """From now on look after every frame whether one strand passed through another (`crossings`)."""
         self._watch = CrossingWatch(self.model, self.positions.astype(np.float64))
+
+    def _look(self) -> None:
+        if self._watch:
+            self._watch.look(self.positions.astype(np.float64), self.frame)
+
+    def _look_anew(self) -> None:
+        """The particles have been put somewhere else."""
+        if self._watch:
+            self.watch_crossings()
 
     @property
     def watches_crossings(self) -> bool:
@@ -55,6 +65,16 @@ class Readings:
     def velocities(self) -> np.ndarray:
         """Now [m/s], shape [particle_count, 3], in the precision of the simulation."""
         return self.state.v.numpy().copy()
+
+    @property
+    def dt(self) -> float:
+        """Length of a frame [s]."""
+        return self.settings.dt
+
+    @property
+    def substeps(self) -> int | str:
+        """Steps in a frame, or "auto"."""
+        return self.settings.substeps
 
     @property
     def compile_seconds(self) -> float:

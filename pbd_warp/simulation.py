@@ -83,8 +83,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
             failure = self._loop.find_failure()
             if failure is not None:
                 self._recover(failure)
-            if self._watch:
-                self._watch.look(self.positions.astype(np.float64), self.frame)
+            self._look()
 
     def _recover(self, failure: Failure) -> None:
         """Make the frame just made again, as the settings say, or raise."""
@@ -110,8 +109,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
             self.point_target.assign(self.model.point.target)
         self.frame = self.retried = 0
         self._maker = self._loop
-        if self._watch:
-            self.watch_crossings()
+        self._look_anew()
         self._loop.restart()
 
     def go_back(self, frame: int, x: np.ndarray, v: np.ndarray, collider_motion: np.ndarray) -> None:
@@ -175,16 +173,6 @@ class Simulation(BuiltForSettings, Readings, Playable):
     def time(self) -> float:
         """Simulated time [s]."""
         return self.frame * self.settings.dt
-
-    @property
-    def dt(self) -> float:
-        """Length of a frame [s]."""
-        return self.settings.dt
-
-    @property
-    def substeps(self) -> int | str:
-        """Steps in a frame, or "auto"."""
-        return self.settings.substeps
 
     @property
     def point_target(self) -> wp.array | None:
@@ -296,8 +284,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self.failures = dict(checkpoint.progress["failures"])
         self._maker = self._loop
         self._moved.restore(memory)
-        if self._watch:
-            self.watch_crossings()
+        self._look_anew()
 
     def _snapshot(self) -> Snapshot:
         x, v, w = (array.numpy().astype(np.float64) for array in (self.state.x, self.state.v, self._context.w))
