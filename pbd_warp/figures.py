@@ -121,7 +121,7 @@ def watch(sim: Simulation) -> None:
 
 def crossing_remedy(model: Model) -> str:
     """What keeps strands apart."""
-    if getattr(model.contacts, "links", False):
+    if model.contacts and model.contacts.links:
         return "helps: more substeps, or method 'direct'"
     return "helps: contacts between links, enable_contacts(links=True)"
 

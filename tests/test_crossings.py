@@ -173,6 +173,16 @@ def test_particle_contacts_let_a_rod_through_and_the_watch_says_so(dtype):
     assert sim.crossings == [crossing]
 
 
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("method", ["jacobi", "gauss-seidel", "direct"])
+def test_link_contacts_let_nothing_through(dtype, method):
+    sim = pbd.Simulation(falling_rods(True, dtype), method=method, substeps=4)
+    sim.watch_crossings()
+    sim.step(30)
+    assert sim.crossings == []
+    assert sim.positions[2:, 1].mean() > 0.0
+
+
 def test_who_watches_sees_the_same_motion():
     one, other = (pbd.Simulation(falling_rods(False)) for _ in range(2))
     one.watch_crossings()
