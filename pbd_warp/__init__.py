@@ -50,3 +50,8 @@ __all__ = [
     "study",
     "writhe",
 ]
+
+
+def __dir__() -> list[str]:
+    """What users need; the modules are there all the same."""
+    return __all__
