@@ -132,7 +132,7 @@ def limit_pushes(begin: wp.int32, end: wp.int32, links: Links, bends: Bends, exa
     for q in range(begin, end):
         links.softest[q] = bends.softest[q]
         if exact:
-            links.softest[q] = wp.float64(-wp.inf)
+            links.softest[q] = wp.float64(-1.0e300)
 
 
 @wp.func
@@ -281,5 +281,7 @@ def bending_steps(
         if not exact:
             left = left + turn * bent
         responds = weight * scale * shape[0] * a * b
+        # What is this much stiffer than inertia hides it behind its rounding, and what moves as a whole with it.
+        left = left + turn * wp.min(wp.float64(1.0e-16) * responds, one)
         error = wp.max(error, left * wp.min(one, responds) / (relative + tolerance / shape[1]))
     return error

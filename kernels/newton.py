@@ -103,5 +103,6 @@ def solve_pieces(
         )  # fmt: skip
         if bends.first:
             left = wp.max(left, bending_steps(piece, m, p, bends, tolerance, relative))
+            touches = touches or bends.exact[piece] == 0  # linear convergence, which takes as long
         g = judge_piece(g, piece, begin, end, m, p, reach, lagging, left, widest, given, switched, touches)
     end_piece(g, piece, begin, end, s, p, links, mean_gradient, accepted, u, iterations_used, unconverged)

@@ -15,6 +15,7 @@ from pbd_warp.model.model import Model, masses
 from pbd_warp.settings import Settings
 from pbd_warp.step.divergence import STRETCHED
 from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS, limits
+from pbd_warp.step.methods.bends import folds, softened
 from pbd_warp.step.methods.direct import Direct
 from pbd_warp.step.methods.gauss_seidel import GaussSeidel
 from pbd_warp.step.methods.jacobi import Jacobi
@@ -62,6 +63,7 @@ REMEDIES = {
     "capstan": "use Direct",
     "short_link": "use Direct, or float64",
     "loops": "use more substeps",
+    "bending": "use Direct, or more substeps, and start without folds",
 }
 """What was seen to help against each failure of the atlas, by the name of the check and of the map."""
 
@@ -241,6 +243,12 @@ def _spans(now: Snapshot) -> list[Span]:
     return list(spans(model.component, edges.edge[links], edges.rest_length[links], x, held))
 
 
+def _bending(now: Snapshot) -> Iterator[PreflightWarning]:
+    bends, settings = now.model.bending, now.settings
+    for text, severity in (*folds(bends, now.x), *softened(bends, settings.method, settings.step_dt, now.w)):
+        yield PreflightWarning("bending", text, severity)
+
+
 def _unreachable(now: Snapshot) -> Iterator[PreflightWarning]:
     """Particles held further apart than the rigid links between them are long: the worst pair of each piece."""
     worst: dict[int, Span] = {}
@@ -283,5 +291,5 @@ def _rounding(now: Snapshot) -> Iterator[PreflightWarning]:
     yield PreflightWarning("precision", text, rounding / now.settings.error)
 
 
-CHECKS = (_unreachable, _relaxation, _truncation, _sweep_energy, _step, _precision)
+CHECKS = (_unreachable, _bending, _relaxation, _truncation, _sweep_energy, _step, _precision)
 EXPLICIT_CHECKS = (_unreachable, _explicit_steps, _rounding)
