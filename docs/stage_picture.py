@@ -1,4 +1,4 @@
-"""Draws the pictures of stages.md: what Blender exported, and what comes back over it.
+"""Draws the picture of stages.md that is of no other program: what a command writes over cables from Blender.
 
 pip install '.[chart,curves]' && python docs/stage_picture.py
 """
@@ -56,10 +56,6 @@ def draw(axes: plt.Axes, stage: Usd.Stage, shown: tuple[tuple[float, str, float]
 
 def main() -> None:
     wp.config.log_level = wp.LOG_ERROR
-    figure, axes = plt.subplots(figsize=(4.4, 3.6), dpi=100)
-    draw(axes, Usd.Stage.Open(str(STAGE)), ((0, "0.35", 1.2),), "cables.usda, as exported")
-    figure.tight_layout()
-    figure.savefig(HERE / "stage_exported.png")
     figure, panels = plt.subplots(1, 2, figsize=(8.4, 3.6), dpi=100, sharey=True)
     with tempfile.TemporaryDirectory() as folder:
         for axes, pin in zip(panels, ("root", "ends"), strict=True):

@@ -41,6 +41,7 @@ def bounce(
     collider_friction: wp.array[Real],  # [collider_count]
     collider_restitution: wp.array[Real],
     resting: Real,  # approach slower than this does not bounce [m/s]
+    dt: Real,  # of the step [s]
     # State:
     x: wp.array[Vec3],
     v: wp.array[Vec3],
@@ -49,6 +50,7 @@ def bounce(
     count: wp.array[wp.int32],
     pair: wp.array[wp.vec2i],
     normal: wp.array[Vec3],
+    carried: wp.array[Vec3],  # [capacity] displacement of a collider where it is touched [m], or None: none moves
     lam: wp.array[Real],
     v_before: wp.array[Vec3],  # [particle_count] after line 5 [m/s]
     valence: wp.array[wp.int32],  # [particle_count] contacts that pushed
@@ -76,6 +78,9 @@ def bounce(
             n = wp.normalize(x[i] - x[j])
     else:
         e = collider_restitution[-1 - j]
+        if carried:
+            relative = relative - carried[k] / dt
+            before = before - carried[k] / dt
     v_n = wp.dot(n, relative)
     approach = wp.dot(n, before)
     if -approach <= resting:  # which is at least 0: so does nothing that parts

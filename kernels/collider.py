@@ -1,4 +1,4 @@
-"""Contacts of particles with fixed planes and spheres.
+"""Contacts of particles with planes and spheres at rest; all else is in shape_contact.py.
 
 C(p) = (p - q) . n - r >= 0 with q the entry point and n the surface normal there where the path x -> p comes
 in from outside, and the point of the surface closest to p where it does not.
@@ -14,9 +14,7 @@ import warp as wp
 
 from pbd_warp.kernels.contact import limit_overlap
 from pbd_warp.kernels.precision import Real, Vec3, step_pass
-
-PLANE = wp.constant(0)
-SPHERE = wp.constant(1)
+from pbd_warp.kernels.shapes import SPHERE
 
 
 @wp.func
@@ -46,6 +44,7 @@ def sphere_normal(start: Any, move: Any, rest: Any):
 def find_collider_contacts(
     i: wp.int32,
     # Model:
+    number: wp.array[wp.int32],  # [collider_count] among all colliders
     kind: wp.array[wp.int32],  # [collider_count] PLANE or SPHERE
     centre: wp.array[Vec3],  # [collider_count] a point of the plane, the sphere's centre [m]
     plane_normal: wp.array[Vec3],  # [collider_count] of unit length, points outside
@@ -80,7 +79,7 @@ def find_collider_contacts(
         if wp.min(g, g + wp.dot(n, u[i])) < reach:
             k = wp.atomic_add(count, 0, 1)
             if k < pair.shape[0]:
-                pair[k] = wp.vec2i(i, -1 - c)
+                pair[k] = wp.vec2i(i, -1 - number[c])
                 normal[k] = n
                 gap[k] = limit_overlap(g, depenetration)
                 wp.atomic_add(valence, i, 1)

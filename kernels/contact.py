@@ -11,7 +11,7 @@ Round is the general one. A pair that has passed through each other at the end o
 contact by distance; for it n, the direction at the entry point, remembers the side it came from.
 With a depenetration speed a step takes back no more than `depenetration` of the overlap d that it begins with: round
 ones get gap = max(d - depenetration, 0), half-spaces gap >= -depenetration.
-A collider (see collider.py) is always a half-space, with j = -1 - collider and w_j = 0.
+A collider (see collider.py and shape_contact.py) is always a half-space, with j = -1 - collider and w_j = 0.
 """
 
 from __future__ import annotations
@@ -230,6 +230,7 @@ def project_contact(
     pair: wp.array[wp.vec2i],
     normal: wp.array[Vec3],
     gap: wp.array[Real],
+    carried: wp.array[Vec3],  # [capacity] displacement of a collider where it is touched [m], or None: none moves
     u: wp.array[Vec3],
     valence: wp.array[wp.int32],  # or None: masses are not split
     relaxation: Real,
@@ -241,9 +242,9 @@ def project_contact(
 ):
     """Line 10 for contacts: dlam = max(-lam, -C / (n_i w_i + n_j w_j)).
 
-    Friction holds the slip of the step, the tangential part of u_i - u_j, with up to mu lam (Coulomb). Here and not
-    only in line 16, because a velocity that is stopped after the step leaves the slip of every step: a particle at
-    rest on a slope would creep down it.
+    Friction holds the slip of the step, the tangential part of u_i - u_j (of a collider u_j is what it moves there),
+    with up to mu lam (Coulomb). Here and not only in line 16, because a velocity that is stopped after the step leaves
+    the slip of every step: a particle at rest on a slope would creep down it.
     """
     if k >= count[0]:
         return
@@ -255,6 +256,8 @@ def project_contact(
     if j >= 0:
         w_j = w[j]
         move = move - u[j]
+    elif carried:
+        move = move - carried[k]
     weight = w_i + w_j
     if valence:
         weight = Real(valence[i]) * w_i

@@ -1,6 +1,6 @@
 """One source, two precisions, and two ways to run it.
 
-A kernel is written once with the names `Real`, `Vec3` and `Mat33` for its types and literals, and
+A kernel is written once with the names `Real`, `Vec3`, `Mat33` and `Quat` for its types and literals, and
 `@kernel` builds it twice: `kernel[wp.float32]` and `kernel[wp.float64]`. Both can run in one process.
 `@step_pass` takes a function of an index instead: it too becomes such kernels, which call it for every index, and
 the fused frame (frame.py) calls the same function in a loop of its own.
@@ -22,6 +22,7 @@ import warp as wp
 Real = wp.float32
 Vec3 = wp.vec3f
 Mat33 = wp.mat33f
+Quat = wp.quatf
 
 BLOCK = wp.constant(2)
 """Places whose vectors lie in one `Block`: sums over blocks compile to wider instructions than over single vectors
@@ -29,8 +30,11 @@ BLOCK = wp.constant(2)
 Block = wp.types.vector(6, wp.float32)
 
 PRECISIONS = {
-    wp.float32: {"Real": wp.float32, "Vec3": wp.vec3f, "Mat33": wp.mat33f, "Block": Block},
-    wp.float64: {"Real": wp.float64, "Vec3": wp.vec3d, "Mat33": wp.mat33d, "Block": wp.types.vector(6, wp.float64)},
+    wp.float32: {"Real": wp.float32, "Vec3": wp.vec3f, "Mat33": wp.mat33f, "Quat": wp.quatf, "Block": Block},
+    wp.float64: {
+        **{"Real": wp.float64, "Vec3": wp.vec3d, "Mat33": wp.mat33d, "Quat": wp.quatd},
+        "Block": wp.types.vector(6, wp.float64),
+    },
 }
 
 MODULES: list[str] = []

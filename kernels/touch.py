@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import warp as wp
 
-from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.kernels.contact import friction_of
 from pbd_warp.kernels.pieces import Touching
 from pbd_warp.kernels.precision import Real, Vec3, kernel
+from pbd_warp.kernels.shapes import SPHERE
 
 OPEN = wp.constant(0)
 STICKS = wp.constant(1)
@@ -62,6 +62,7 @@ def list_contacts(
     pair: wp.array[wp.vec2i],  # [capacity]
     normal: wp.array[Vec3],  # [capacity]
     gap: wp.array[Real],  # [capacity]
+    carried: wp.array[Vec3],  # [capacity] displacement of a collider where it is touched [m], or None: none moves
     radius: wp.array[Real],  # [particle_count]
     u: wp.array[Vec3],  # [particle_count]
     memory: wp.array[wp.vec3d],  # [particle_count * collider_count] force of the step before [kg m]
@@ -101,6 +102,8 @@ def list_contacts(
             curved = wp.dot(n, away) - wp.float64(gap[k])
     else:
         q = -1 - j
+        if carried:
+            moved = double(carried[k])
         if collider_kind[q] == SPHERE:
             away = double(x[i]) - double(collider_centre[q])
             curved = wp.dot(n, away) - wp.float64(gap[k])

@@ -34,6 +34,14 @@ def whole(name: str, value: Any, *, low: int, high: int | None = None) -> int:
     return int(value)
 
 
+def index(name: str, value: Any, count: int) -> int:
+    """The number of one of `count` things."""
+    value = whole(name, value, low=0)
+    if value >= count:
+        raise InputError(f"there is no {name} {value}: there are {count}, numbered from 0")
+    return value
+
+
 def vector(name: str, value: Any) -> np.ndarray:
     """Three finite floats, shape [3]."""
     return vectors(name, [value])[0]

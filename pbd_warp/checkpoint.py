@@ -28,7 +28,7 @@ from pbd_warp.settings import Settings
 from pbd_warp.version import __version__
 
 FORMAT = "pbd-warp checkpoint"
-VERSION = 2
+VERSION = 3
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from pbd_warp.errors import InputError
 from pbd_warp.failure import Failure
 from pbd_warp.model.model import Model, State
 from pbd_warp.settings import Settings
+from pbd_warp.step.colliders import ColliderShapes
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.context import NOTHING, Context, Stage
 from pbd_warp.step.copies import CopyMonitor
@@ -71,6 +72,8 @@ class Loop:
         if settings.on_failure in ("subdivide", "fallback"):
             n = model.particle_count
             self.start = State(*(context.allocate(f"start.{name}", n, context.vec3) for name in "xv"))
+            if self.shapes:
+                self.shapes.keep_start()
         self._newton = isinstance(settings.method, Direct) and settings.on_failure != "continue"
         self._seen = context.diverged.numpy() if model.device.is_cpu else None  # the memory itself
         self._graph: wp.Graph | None = None
@@ -78,6 +81,11 @@ class Loop:
         if self.machine is None:
             self.compile_seconds = self._load_kernels()
             self._graph = self._capture() if settings.capture else None
+
+    @property
+    def shapes(self) -> ColliderShapes | None:
+        """The colliders; None where nothing collides."""
+        return self.contacts.colliders if self.contacts else None
 
     def make_frames(self, frames: int) -> int:
         """Advance the state by so many frames, or up to one that fails, or by one; how many were made."""
@@ -111,6 +119,8 @@ class Loop:
         if self.start:
             context.launch.copy(self.start.x, context.state.x)
             context.launch.copy(self.start.v, context.state.v)
+            if self.shapes:
+                self.shapes.begin_frame()
         if self.counters is not None:
             context.launch.zero(self.counters)
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd_warp.forces import Forces
-from pbd_warp.kernels.collider import SPHERE
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import STRETCHED
 
@@ -110,7 +109,7 @@ def _measure(sim: Simulation) -> CopyMeasures:
 
     kinetic = total(0.5 * m * np.sum(v * v, axis=1))
     stretch = np.divide(c, edges.rest_length, out=np.zeros_like(c), where=edges.rest_length > 0.0)
-    overlap = np.maximum(_pair_overlap(sim, x), largest(_collider_overlap(sim, x)))
+    overlap = np.maximum(_pair_overlap(sim, x), largest(np.where(model.w > 0.0, sim.collider_overlaps[0], 0.0)))
     rigid = largest(np.where(edges.compliance == 0.0, c, 0.0))
     rigid_points = largest(np.where(points.compliance == 0.0, c_point, 0.0))
     bending = total(model.bending.energy(x))
@@ -141,16 +140,4 @@ def _pair_overlap(sim: Simulation, x: np.ndarray) -> np.ndarray:
     np.maximum.at(
         deepest, i // model.copy_size, model.radius[i] + model.radius[j] - np.linalg.norm(x[i] - x[j], axis=1)
     )
-    return deepest
-
-
-def _collider_overlap(sim: Simulation, x: np.ndarray) -> np.ndarray:
-    """Deepest of each particle."""
-    model = sim.model
-    deepest = np.zeros(model.particle_count)
-    c = model.colliders
-    for kind, centre, normal, size in zip(c.kind, c.centre, c.normal, c.size, strict=True):
-        away = x - centre
-        surface = np.linalg.norm(away, axis=1) - size if kind == SPHERE else away @ normal
-        deepest = np.maximum(deepest, np.where(model.w > 0.0, model.radius - surface, 0.0))
     return deepest

@@ -12,6 +12,7 @@ import numpy as np
 
 from pbd_warp.model.graph import Span, spans
 from pbd_warp.model.model import Model, masses
+from pbd_warp.remedies import REMEDIES
 from pbd_warp.settings import Settings
 from pbd_warp.step.divergence import STRETCHED
 from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS, limits
@@ -27,7 +28,6 @@ WHIP = 0.3
 NOISE = 0.01
 """Velocity from rounding positions, relative to that of falling by a link's length, that counts as a failure."""
 
-
 ROUNDED = 4.0
 """Machine epsilons that a position is off after a hundred steps: a random walk in halves."""
 
@@ -42,30 +42,6 @@ ENOUGH_SWEEPS = 5
 runs of 10 s; with so many none did, and by Jacobi, whose sweeps are symmetric, none did with any number."""
 
 SMALLER_STEPS = "use more substeps"
-
-REMEDIES = {
-    "relaxation": "keep averaging='mass-splitting' and the relaxation at 1",
-    "star": "use averaging='mass-splitting', GaussSeidel, or a smaller relaxation",
-    "overconstrained": "use averaging='mass-splitting', or give each distance once",
-    "sweeps": "use an even number of iterations, or a relaxation of 1",
-    "chain_length": "use Direct, or more substeps",
-    "mass_ratio": "use Direct, or more substeps",
-    "chebyshev": "use a smaller rho for what moves, or Direct",
-    "sweep_energy": "use Direct, 5 iterations or more, or integrator 'bdf2'",
-    "step": "use integrator 'bdf2', or more substeps",
-    "precision": "use float64, or move the scene to the origin",
-    "drag": "use Direct, or more substeps",
-    "speed": "use more substeps, or float64",
-    "overlap": "start without overlap, or limit the depenetration speed",
-    "unreachable": "hold them nearer to each other, or give the links a compliance",
-    "cradle": "leave gaps wider than a step's way",
-    "coincident": "start particles apart, or use more iterations",
-    "capstan": "use Direct",
-    "short_link": "use Direct, or float64",
-    "loops": "use more substeps",
-    "bending": "use Direct, or more substeps, and start without folds",
-}
-"""What was seen to help against each failure of the atlas, by the name of the check and of the map."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +68,7 @@ class Snapshot:
     """A simulation at one moment, on the host.
 
     x, v: float64 [particle_count, 3] [m], [m/s]. w: Inverse masses [1/kg], 0 also for what is held. point_target:
-    [point_count, 3] [m].
+    [point_count, 3] [m]. overlaps: How deep particles are in colliders, and in which; None where nobody knows.
     """
 
     model: Model
@@ -101,6 +77,7 @@ class Snapshot:
     v: np.ndarray
     w: np.ndarray
     point_target: np.ndarray
+    overlaps: tuple[np.ndarray, np.ndarray] | None = None
 
     @property
     def before(self) -> Snapshot:
@@ -215,6 +192,19 @@ def _step(now: Snapshot) -> Iterator[PreflightWarning]:
         yield PreflightWarning("speed", text, float(speed * h / (2.0 * smallest)))
 
 
+def _overlap(now: Snapshot) -> Iterator[PreflightWarning]:
+    """What has its middle inside of a collider is put out of it in a step, and keeps the speed of that."""
+    model = now.model
+    if now.overlaps is None or not len(model.colliders) or now.settings.depenetration_speed is not None:
+        return
+    depth = np.where(now.w > 0.0, now.overlaps[0], 0.0)
+    worst = int(np.argmax(depth))
+    if depth[worst] > 0.0:
+        name, speed = model.colliders.name(int(now.overlaps[1][worst])), depth[worst] / now.settings.step_dt
+        text = f"particle {worst} begins {depth[worst]:.3g} m inside {name}, which it leaves at {speed:.3g} m/s"
+        yield PreflightWarning("overlap", text, float(depth[worst] / (1.001 * model.radius[worst] + ROUND_OFF)))
+
+
 def _precision(now: Snapshot) -> Iterator[PreflightWarning]:
     """Positions are stored rounded: far out each step makes velocity out of that."""
     model = now.model
@@ -291,5 +281,5 @@ def _rounding(now: Snapshot) -> Iterator[PreflightWarning]:
     yield PreflightWarning("precision", text, rounding / now.settings.error)
 
 
-CHECKS = (_unreachable, _bending, _relaxation, _truncation, _sweep_energy, _step, _precision)
+CHECKS = (_unreachable, _bending, _relaxation, _truncation, _sweep_energy, _step, _overlap, _precision)
 EXPLICIT_CHECKS = (_unreachable, _explicit_steps, _rounding)

@@ -47,6 +47,25 @@ class Readings:
         return contacts.pair.numpy()[: int(contacts.count.numpy()[0])]
 
     @property
+    def collider_places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where colliders are now: their origins [m], float64 [collider_count, 3], and how they are turned, as
+        quaternions (x, y, z, w), [collider_count, 4]."""
+        c = self.model.colliders
+        return self._loop.shapes.places() if self._loop.shapes else (c.centre.copy(), c.rotation.copy())
+
+    @property
+    def collider_overlaps(self) -> tuple[np.ndarray, np.ndarray]:
+        """How deep each particle is in the collider in which it is deepest [m], 0: in none, and its number; float64
+        and int [particle_count]."""
+        x, contacts = self.state.x.numpy().astype(np.float64), self._loop.contacts
+        depth, which = self.model.colliders.overlaps_at_rest(x, self.model.radius)
+        if contacts:
+            other, number = contacts.collider_overlaps()
+            which = np.where(other > depth, number, which)
+            depth = np.maximum(depth, other)
+        return depth, which
+
+    @property
     def iterations_used(self) -> int:
         """Iterations of all steps of the last frame (with `Direct`, of all paths too)."""
         return self._loop.iterations_used

@@ -23,10 +23,12 @@ from pbd_warp.preflight import PreflightWarning, Snapshot, preflight
 from pbd_warp.readings import Readings
 from pbd_warp.settings import Settings
 from pbd_warp.step.launch import not_while_recording
-from pbd_warp.step.moved import MovedParticles
+from pbd_warp.step.moved import Moved
 
 
-@not_while_recording("__init__", "reset", "restore", "continue_with", "grab", "move_to", "release", "lead", "_retry")
+@not_while_recording(
+    "__init__", "reset", "restore", "continue_with", "grab", "move_to", "release", "lead", "move_collider", "_retry"
+)
 class Simulation(BuiltForSettings, Readings, Playable):
     """Runs a model, frame by frame.
 
@@ -60,7 +62,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self._loop = Loop(model, settings)
         self._maker = self._loop
         self._context = self._loop.context
-        self._moved = MovedParticles(self._context, settings.dt, self._loop.pull)
+        self._moved = Moved(self._context, settings.dt, self._loop.pull, self._loop.shapes)
         self.state = self._context.state
         self._spares: dict[str, Simulation] = {}
 
@@ -219,6 +221,18 @@ class Simulation(BuiltForSettings, Readings, Playable):
         """
         self._moved.move_fixed(self.frame, particles, positions)
 
+    def move_collider(self, which: int, position: ArrayLike, rotation: ArrayLike = (0, 0, 0)) -> None:
+        """Where a collider is at the end of the next frame; it gets there evenly over its steps, to round-off, takes
+        along by friction what touches it, and rests there unless it is moved on.
+
+        Args:
+            which: Its number, of one that `ModelBuilder.let_collider_move` lets move.
+            position: Of its origin [m], [3]: a plane's point, a mesh's origin, the middle of everything else.
+            rotation: From how it was added: axis times angle [rad], [3]. It turns the shorter way round, so by less
+                than half a turn a frame.
+        """
+        self._moved.move_collider(self.frame, which, position, rotation)
+
     def __repr__(self) -> str:
         return f"Simulation({self.model!r}, frame {self.frame} of {self.dt:g} s, {self.settings})"
 
@@ -260,7 +274,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
             wp.copy(mine.point_target, theirs.point_target)
         if self._loop.counters is not None and other._loop.counters is not None:
             wp.copy(self._loop.counters, other._loop.counters)
-        self._moved.take_over(other._moved)
+        self._moved.take_over(other._moved, state is not None)
         self.frame, self.failures = other.frame, dict(other.failures)
         self._maker = self._loop
         self._loop.restart()
@@ -277,4 +291,4 @@ class Simulation(BuiltForSettings, Readings, Playable):
         x, v, w = (array.numpy().astype(np.float64) for array in (self.state.x, self.state.v, self._context.w))
         self._moved.where_held(x)
         target = np.zeros((0, 3)) if self.point_target is None else self.point_target.numpy().astype(np.float64)
-        return Snapshot(self.model, self.settings, x, v, w, target)
+        return Snapshot(self.model, self.settings, x, v, w, target, self.collider_overlaps)

@@ -20,7 +20,7 @@ def find_contacts(model, x, p, w):
     for i in np.flatnonzero(w > 0.0):
         for k in range(len(c.kind)):
             a, d = x[i] - c.centre[k], p[i] - x[i]
-            n, rest = (c.normal[k], r[i]) if c.kind[k] == 0 else (None, c.size[k] + r[i])
+            n, rest = (c.size[k], r[i]) if c.kind[k] == 0 else (None, c.size[k, 0] + r[i])
             if n is None:
                 t = entry_time(a, d, rest)
                 n = unit(a + (1.0 if t is None else t) * d)[0]

@@ -178,7 +178,7 @@ def test_an_older_file_is_refused(tmp_path):
     header = json.loads(members["header"].tobytes())
     members["header"] = np.frombuffer(json.dumps({**header, "version": 0}).encode(), np.uint8)
     np.savez(path, **members)
-    with pytest.raises(pbd.InputError, match=r"has format version 0 .* reads version 2"):
+    with pytest.raises(pbd.InputError, match=r"has format version 0 .* reads version 3"):
         pbd.Simulation.load(path)
 
 

@@ -265,8 +265,8 @@ def project_one_contact(real, x, u, w, normal, gap, lam, radius=0.5, share=(1, 1
     pair = np.array([[0, 1 if len(x) > 1 else -1]])
     out = run(
         project_contact, real, 3, np.full(len(x), radius), mu, np.array([mu]), x, w, np.array([1]), pair,
-        np.array([normal], float), np.array([gap], float), u, np.array(share[: len(x)]), 1.0, np.array([lam], float),
-        np.zeros((1, 3)) if mu else None, np.zeros(1), np.zeros((len(x), 3)),
+        np.array([normal], float), np.array([gap], float), None, u, np.array(share[: len(x)]), 1.0,
+        np.array([lam], float), np.zeros((1, 3)) if mu else None, np.zeros(1), np.zeros((len(x), 3)),
     )  # fmt: skip
     return out[-4][0], out[-1]
 
@@ -328,8 +328,8 @@ def test_bounce_is_the_law_of_impact(real, e):
     before = np.array([[3.0, 1, 0], [-1, 0, 0]])
     v = np.array([[0.25, 1, 0], [-0.3125, 0, 0]])  # any v of the same momentum along the normal
     out = run(
-        bounce, real, 1, 0.0, e, np.zeros(0), np.zeros(0), 0.0, np.array([[0.0, 0, 0], [1, 0, 0]]), v, w,
-        np.array([1]), np.array([[0, 1]]), np.zeros((1, 3)), np.array([0.5]), before, np.array([1, 1]),
+        bounce, real, 1, 0.0, e, np.zeros(0), np.zeros(0), 0.0, 1.0, np.array([[0.0, 0, 0], [1, 0, 0]]), v, w,
+        np.array([1]), np.array([[0, 1]]), np.zeros((1, 3)), None, np.array([0.5]), before, np.array([1, 1]),
         np.zeros((2, 3)),
     )  # fmt: skip
     momentum, closing = v[0, 0] + 4.0 * v[1, 0], 4.0
@@ -351,8 +351,8 @@ def slide(real, mu, e, speed):
     """A particle of 1 kg that came down on a plane at (2, -1) m/s; the projection has left it (speed, 0)."""
     v = np.array([[speed, 0.0, 0]])
     out = run(
-        bounce, real, 1, 9.0, 9.0, np.array([mu]), np.array([e]), 0.5, np.zeros((1, 3)), v, np.ones(1),
-        np.array([1]), np.array([[0, -1]]), np.array([[0.0, 1, 0]]), np.array([0.25]),
+        bounce, real, 1, 9.0, 9.0, np.array([mu]), np.array([e]), 0.5, 1.0, np.zeros((1, 3)), v, np.ones(1),
+        np.array([1]), np.array([[0, -1]]), np.array([[0.0, 1, 0]]), None, np.array([0.25]),
         np.array([[2.0, -1.0, 0]]), np.array([1]), np.zeros((1, 3)),
     )  # fmt: skip
     return (v + out[-1])[0]
@@ -363,8 +363,8 @@ def test_particles_that_part_are_not_pulled_back(real):
     """They overlapped and move apart: what the projection added goes, but nothing beyond."""
     v = np.array([[3.0, 0, 0], [-3.0, 0, 0]])
     out = run(
-        bounce, real, 1, 0.0, 1.0, np.zeros(0), np.zeros(0), 0.0, np.array([[1.0, 0, 0], [0, 0, 0]]), v, np.ones(2),
-        np.array([1]), np.array([[0, 1]]), np.zeros((1, 3)), np.array([0.5]),
+        bounce, real, 1, 0.0, 1.0, np.zeros(0), np.zeros(0), 0.0, 1.0, np.array([[1.0, 0, 0], [0, 0, 0]]), v,
+        np.ones(2), np.array([1]), np.array([[0, 1]]), np.zeros((1, 3)), None, np.array([0.5]),
         np.array([[0.5, 0, 0], [-0.5, 0, 0]]), np.array([1, 1]), np.zeros((2, 3)),
     )  # fmt: skip
     np.testing.assert_array_equal(v + out[-1], 0.0)
@@ -390,7 +390,8 @@ def test_a_bounce_has_friction_for_its_own_impulse(real, mu, kept):
 @both_precisions
 def test_find_collider_contacts(real, kind, x, u, normal, gap):
     out = run(
-        find_collider_contacts, real, 1, np.array([kind]), np.zeros((1, 3)), np.array([[0.0, 1, 0]]), np.ones(1),
+        find_collider_contacts, real, 1, np.zeros(1, np.int32), np.array([kind]), np.zeros((1, 3)),
+        np.array([[0.0, 1, 0]]), np.ones(1),
         np.array([0.25]), 0.05, -1.0, np.array([x]), np.ones(1), np.array([u]), np.zeros(1, np.int32),
         np.full((2, 2), 7), np.zeros((2, 3)), np.zeros(2), np.zeros(1, np.int32),
     )  # fmt: skip
@@ -404,7 +405,8 @@ def test_find_collider_contacts(real, kind, x, u, normal, gap):
 def test_find_collider_contacts_passes_over_what_is_far_or_fixed():
     x = np.array([[0.0, 9, 0], [0, -1, 0]])
     out = run(
-        find_collider_contacts, "float64", 2, np.array([0]), np.zeros((1, 3)), np.array([[0.0, 1, 0]]), np.zeros(1),
+        find_collider_contacts, "float64", 2, np.zeros(1, np.int32), np.array([0]), np.zeros((1, 3)),
+        np.array([[0.0, 1, 0]]), np.zeros(1),
         np.full(2, 0.25), 0.05, -1.0, x, np.array([1.0, 0.0]), np.zeros((2, 3)), np.zeros(1, np.int32),
         np.full((2, 2), 7), np.zeros((2, 3)), np.zeros(2), np.zeros(2, np.int32),
     )  # fmt: skip

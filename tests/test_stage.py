@@ -319,7 +319,7 @@ def test_colliders_keep_curves_out(tmp_path):
     result, source, _ = simulated(tmp_path / "a.usda", pin="none", collide=["/World/Set/*"])
     colliders = source.scene.builder.finalize().colliders
     np.testing.assert_allclose(colliders.friction, [0.0, 0.5])
-    np.testing.assert_allclose(colliders.size, [0.2, 0.0])
+    np.testing.assert_allclose(colliders.size, [[0.2, 0, 0], [0, 0, 1]], atol=1e-12)
     points = np.array([world(result, "/World/C", time_code) for time_code in range(48)])
     above, away = points[..., 2] - 0.05, np.linalg.norm(points - (0, 0, 0.25), axis=-1) - 0.2
     for gap in (above, away):
@@ -341,10 +341,10 @@ def test_planes_are_where_their_transform_puts_them(tmp_path, axis):
     corners = np.eye(3)[[k for k in range(3) if "XYZ"[k] != axis]]
     for corner in (np.zeros(3), *corners):
         there = 0.1 * np.array(matrix.Transform(Gf.Vec3d(*corner))) - source.origin
-        assert (there - colliders.centre[0]) @ colliders.normal[0] == pytest.approx(0, abs=1e-12)
+        assert (there - colliders.centre[0]) @ colliders.size[0] == pytest.approx(0, abs=1e-12)
     above = 0.1 * np.array(matrix.Transform(Gf.Vec3d(*np.eye(3)["XYZ".index(axis)]))) - source.origin
-    assert (above - colliders.centre[0]) @ colliders.normal[0] > 0.01
-    assert np.linalg.norm(colliders.normal[0]) == pytest.approx(1)
+    assert (above - colliders.centre[0]) @ colliders.size[0] > 0.01
+    assert np.linalg.norm(colliders.size[0]) == pytest.approx(1)
 
 
 @pytest.mark.parametrize("fps", [24.0, 23.976, 29.97, 59.94])

@@ -10,9 +10,10 @@ from pbd_warp.curves.sampling import Sampling, Weights
 
 
 def kind_of(basis, wrap, counts):
-    """Curves whose points are all different."""
+    """Curves whose points are all different, with a corner at each."""
     counts = np.asarray(counts)
-    return BasisKind(basis, wrap, counts, np.arange(3.0 * max(counts.sum(), 0)).reshape(-1, 3))
+    number = np.arange(max(counts.sum(), 0))
+    return BasisKind(basis, wrap, counts, np.stack([1.0 * number, number % 2, number % 5], axis=1))
 
 
 def sampling_of(basis, wrap, counts):

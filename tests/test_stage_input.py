@@ -143,18 +143,39 @@ def periodic(stage, curves):
     points.Set(Vt.Vec3fArray.FromNumpy((np.array(points.Get()) + 0.3 * np.eye(6, 3)).astype(np.float32)))
 
 
-def a_mesh(stage, curves):
-    UsdGeom.Mesh.Define(stage, "/World/Set/Wall")
+def a_mesh(points=((0, 0, 0), (1, 0, 0), (0, 1, 0)), counts=(3,), corners=(0, 1, 2)):
+    def spoil(stage, curves):
+        mesh = UsdGeom.Mesh.Define(stage, "/World/Set/Wall")
+        mesh.CreatePointsAttr(list(points))
+        mesh.CreateFaceVertexCountsAttr(list(counts))
+        mesh.CreateFaceVertexIndicesAttr(list(corners))
+
+    return spoil
 
 
-def uneven_sphere(stage, curves):
-    transform(UsdGeom.Sphere.Define(stage, "/World/Set/Ball"), scale=(1, 2, 1))
+def a_mesh_that_bends(stage, curves):
+    a_mesh()(stage, curves)
+    points = UsdGeom.Mesh.Get(stage, "/World/Set/Wall").GetPointsAttr()
+    points.Set([(0, 0, 0), (1, 0, 0), (0, 1, 0)], 0)
+    points.Set([(0, 0, 0), (1, 0, 0), (0, 2, 0)], 10)
 
 
-def moving_sphere(stage, curves):
-    move = UsdGeom.Sphere.Define(stage, "/World/Set/Ball").AddTranslateOp()
-    move.Set(Gf.Vec3d(0, 0, 0), 0)
-    move.Set(Gf.Vec3d(0, 1, 0), 10)
+def a_disc(stage, curves):
+    stage.DefinePrim("/World/Set/Disc", "NurbsPatch")
+
+
+def a_cone_on_a_odd_axis(stage, curves):
+    UsdGeom.Cone.Define(stage, "/World/Set/Cone").CreateAxisAttr("Q")
+
+
+def a_flat_cylinder(stage, curves):
+    UsdGeom.Cylinder.Define(stage, "/World/Set/Drum").CreateHeightAttr(0.0)
+
+
+def swelling_sphere(stage, curves):
+    scale = UsdGeom.Sphere.Define(stage, "/World/Set/Ball").AddScaleOp()
+    scale.Set(Gf.Vec3f(1, 1, 1), 0)
+    scale.Set(Gf.Vec3f(2, 2, 2), 10)
 
 
 def growing_sphere(stage, curves):
@@ -213,11 +234,20 @@ def rough_plane(stage, curves):
         (periodic, ["--pin", "ends"], "/World/C: a periodic curve has no ends to pin"),
         (None, ["--prim", "/World/Rope*"], "--prim /World/Rope* matches no curves: there is /World/C"),
         (None, ["--collide", "/World/Floor"], "--collide /World/Floor matches no geometry"),
-        (a_mesh, ["--collide", "/World/Set"], "/World/Set/Wall is a Mesh, which is not supported as a collider"),
-        (None, ["--collide", "/World/C"], "/World/C is a BasisCurves, which is not supported as a collider"),
-        (uneven_sphere, ["--collide", "/World/Set"], "/World/Set/Ball: it is not scaled evenly"),
-        (moving_sphere, ["--collide", "/World/Set"], "/World/Set/Ball: it changes with time, which is not supported"),
-        (growing_sphere, ["--collide", "/World/Set"], "/World/Set/Ball: it changes with time, which is not supported"),
+        (None, ["--collide", "/World/C"], "/World/C: it is a BasisCurves, which is not supported as a collider"),
+        (None, ["--collide", "physics"], "--collide physics matches no geometry"),
+        (a_disc, ["--collide", "/World/Set"], "/World/Set/Disc: it is a NurbsPatch, which is not supported"),
+        (a_mesh(counts=(), corners=()), ["--collide", "/World/Set"], "/World/Set/Wall: the mesh has no triangles"),
+        (a_mesh(corners=(0, 1, 3)), ["--collide", "/World/Set"], "Wall: a triangle of the mesh names point 3, but"),
+        (a_mesh(corners=(0, 1, -1)), ["--collide", "/World/Set"], "Wall: a triangle of the mesh names point -1, but"),
+        (a_mesh(counts=(4,)), ["--collide", "/World/Set"], "faceVertexCounts add up to 4, but there are 3"),
+        (a_mesh(corners=(0, 1, 1)), ["--collide", "/World/Set"], "Wall: no triangle of the mesh has an area"),
+        (a_mesh([(0, 0, np.nan)] * 3), ["--collide", "/World/Set"], "/World/Set/Wall: points must be finite"),
+        (a_mesh_that_bends, ["--collide", "/World/Set"], "/World/Set/Wall: its points change with time"),
+        (growing_sphere, ["--collide", "/World/Set"], "/World/Set/Ball: its radius change with time"),
+        (swelling_sphere, ["--collide", "/World/Set"], "/World/Set/Ball: its scale changes until time code"),
+        (a_cone_on_a_odd_axis, ["--collide", "/World/Set"], "/World/Set/Cone: its axis must be X, Y or Z, not 'Q'"),
+        (a_flat_cylinder, ["--collide", "/World/Set"], "/World/Set/Drum: height must be a finite number above 0"),
         (rough_plane, ["--collide", "/World/Set"], "/World/Set/Floor: friction must be"),
         (None, ["--pin", "top"], "pin must be root, ends, none or primvar:NAME, not 'top'"),
         (None, ["--density", "0"], "density must be a finite number above 0"),

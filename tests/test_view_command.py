@@ -1,19 +1,24 @@
 """`pbd-warp view` from outside, and `run --drags` after it."""
 
 import asyncio
+import errno
 import json
 import os
 import re
+import resource
 import signal
 import socket
 import subprocess
 import sys
+import types
 
 import aiohttp
 import numpy as np
 import pytest
 from pages import Client
 from test_view_access import get
+
+from pbd_warp.view.shortage import Shortage
 
 
 def command(*args):
@@ -68,6 +73,60 @@ def test_bad_usage(args, message, tmp_path, monkeypatch, capsys):
     assert stop.value.code == 2
     assert message in " ".join(capsys.readouterr().err.split())
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="limits of Linux")
+def test_without_file_descriptors_the_log_stays_small_and_pages_come_back(tmp_path):
+    """Connections beyond the limit for some seconds: one line, and the page that is open goes on; when they are gone,
+    pages are let in as before."""
+    process = subprocess.Popen(
+        command("view", "worm", "--no-open"), cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    line = process.stdout.readline()
+    while "is live at" not in line:
+        line = process.stdout.readline()
+    url, port = re.search(r"(http://127\.0\.0\.1:(\d+)/)", line).groups()
+
+    async def crowd():
+        async with aiohttp.ClientSession() as http:
+            async with http.ws_connect(url + "ws", headers={"Origin": url.rstrip("/")}) as page:
+                client = Client(page)
+                listening = asyncio.create_task(client.listen())
+                await client.until(lambda: client.frame > 3, seconds=60.0)
+                highest = max(int(name) for name in os.listdir(f"/proc/{process.pid}/fd"))
+                _, most = resource.prlimit(process.pid, resource.RLIMIT_NOFILE)
+                resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (highest + 8, most))
+                crowd = [socket.create_connection(("127.0.0.1", int(port))) for _ in range(40)]
+                await asyncio.sleep(3.5)  # asyncio tries again every second
+                frame = client.frame
+                await client.until(lambda: client.frame > frame + 10)
+                for connection in crowd:
+                    connection.close()
+                await asyncio.sleep(1.0)
+                listening.cancel()
+            async with http.get(url) as answer:
+                assert b"<title>pbd-warp</title>" in await answer.read()
+
+    asyncio.run(crowd())
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    said = [text for text in errors.splitlines() if "a page could not be let in: Too many open files" in text]
+    assert len(said) == 1, errors
+    assert len(errors.splitlines()) < 5, errors
+
+
+def test_a_shortage_is_told_once_a_minute_and_everything_else_as_ever(capsys):
+    now = iter([0.0, 0.0, 1.0, 59.0, 60.5, 61.0])
+    handle = Shortage(lambda: next(now))
+    others = []
+    loop = types.SimpleNamespace(default_exception_handler=others.append)
+    short = {"exception": OSError(errno.EMFILE, "Too many open files")}
+    for _ in range(5):
+        handle(loop, short)
+    assert capsys.readouterr().err.count("could not be let in: Too many open files") == 2
+    other = {"exception": OSError(errno.EPIPE, "gone")}
+    handle(loop, other)
+    assert others == [other]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")

@@ -94,8 +94,8 @@ def draw(chart: Chart, path: str | Path, peers: Sequence[PeerRow] = ()) -> None:
             axes.tick_params(labelleft=index == 0)
         figure.axes[0].set_ylabel("position error [m]")
         title = f"{', '.join(dict.fromkeys(row.scene for row in chart.rows))}: {seen(chart.rows)}"
-        for index, text in enumerate([*textwrap.wrap(title, 112)[:2], seen_of_peers(peers)]):
-            figure.text(LEFT / WIDTH, 1.0 - (0.25 + 0.22 * index) / height, text, size=10.5, weight="bold", color=INK)
+        for index, text in enumerate([*textwrap.wrap(title, 124)[:2], seen_of_peers(peers)]):
+            figure.text(LEFT / WIDTH, 1.0 - (0.25 + 0.22 * index) / height, text, size=10, weight="bold", color=INK)
         _write_below(figure, legends, notes, below / height)
         with replacing(Path(path)) as temporary:
             figure.savefig(temporary, format=form, dpi=150, metadata={"Date": None} if form == "svg" else None)

@@ -46,10 +46,13 @@ def seen_of_peers(peers: Iterable[PeerRow]) -> str:
     error = reached[-1]
     own = fastest(OURS, error)
     assert own is not None
-    parts = []
-    for name in others:
-        time = fastest(name, error)
-        parts.append(
-            f"{NAMES[name]} takes {time / own:.2g} times as long" if time else f"{NAMES[name]} does not get there"
-        )
-    return f"Within {error:g} m: {', '.join(parts)}."
+    times = {NAMES[name]: fastest(name, error) for name in others}
+    there = [f"{name} takes {_rounded(time / own)} times as long" for name, time in times.items() if time]
+    short = [name for name, time in times.items() if not time]
+    said = ", ".join(there) + (f"; {', '.join(short)} {'do' if short[1:] else 'does'} not get there" if short else "")
+    return f"Within {error:g} m {said}."
+
+
+def _rounded(value: float) -> str:
+    """Two digits of it, written out."""
+    return f"{float(f'{value:.2g}'):g}"

@@ -40,7 +40,7 @@ def simulate_stage(
         bool, typer.Option("--strict", help="Fail where some curves cannot be simulated, instead of leaving them.")
     ] = False,
     collide: Annotated[
-        list[str] | None, typer.Option(metavar="PATTERN", help="Path of planes and spheres to collide with.")
+        list[str] | None, typer.Option(metavar="PATTERN", help="Path of meshes, solids, planes to collide with.")
     ] = None,
     pin: Annotated[
         str | None, typer.Option(help="Points that follow their parent: root, ends, none or primvar:NAME. [root]")

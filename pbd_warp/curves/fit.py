@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pbd_warp.curves.joints import smooth_joints
 from pbd_warp.curves.sampling import Sampling
 from pbd_warp.errors import InputError
 
@@ -15,14 +16,19 @@ GIVE = 1e-10
 go through."""
 
 
+SMOOTH = 1e4
+"""What a kink counts, squared, where there was none, against what a simulation point is missed by: a ten-thousandth of
+it is left. Pinned points, which are constraints, come first, to GIVE times this."""
+
+
 class Fit:
     """Takes displacements (or velocities) of simulation points back to control values: the unknowns P that minimise
 
-    |M P - d|^2  subject to  M_i P = d_i at pinned points i
+    |M P - d|^2 + SMOOTH |J P|^2  subject to  M_i P = d_i at pinned points i
 
-    with d the displacements and M the sampling. Exact for whatever control points can do: rest, affine motion, any
-    motion of a bezier. All curves are one sparse system, banded along each: its factors take time and memory that grow
-    with the number of control points.
+    with d the displacements, M the sampling, and J the joints at which beziers are smooth (joints.py). Exact for what
+    control points can do: rest, affine motion, any motion of a bezier that has corners at its knots. All curves are one
+    sparse system, banded along each: its factors take time and memory that grow with the number of control points.
 
     Args:
         pinned: Which simulation points are pinned, bool [samples].
@@ -48,6 +54,12 @@ class Fit:
         matrix = coo_array(entries, (sampling.count, sampling.unknown_count)).tocsr()
         matrix.eliminate_zeros()
         normal = (matrix.T @ matrix).tocsr()
+        joints = smooth_joints(sampling.kind)
+        simulated = sampling.unknown[joints.index[:, 0]] >= 0
+        at, weight = sampling.unknown[joints.index[simulated]], joints.weight[simulated]
+        row = np.broadcast_to(np.arange(len(at))[:, None], at.shape)
+        bend = coo_array((weight.ravel(), (row.ravel(), at.ravel())), (len(at), sampling.unknown_count)).tocsr()
+        normal = (normal + SMOOTH * (bend.T @ bend)).tocsr()
         system = normal + diags_array(np.where(normal.diagonal() < WEAK, WEAK, 0.0))
         self._pinned = pinned
         held = matrix[np.flatnonzero(pinned)]

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pbd_warp.curves.colliders import MovingColliders
 from pbd_warp.curves.scene import StageScene
 from pbd_warp.model.model import Model, State
 from pbd_warp.simulation import Simulation
@@ -21,7 +22,8 @@ FAILED = 0.01
 
 
 class Playback:
-    """Leads the pinned points of a stage's curves (see `Controller`), and gives what its prims show at a frame.
+    """Leads the pinned points of a stage's curves and its colliders (see `Controller`), and gives what its prims show
+    at a frame.
 
     Attributes:
         moved: Whether any free point has gone anywhere so far.
@@ -41,6 +43,7 @@ class Playback:
             for curves, span in zip(source.curves, self._ranges, strict=True)
             if curves.moving
         ]
+        self._colliders = MovingColliders(source.colliders, source.origin)
         self._free = model.w > 0.0
         self._still = STILL * float(np.ptp(model.x, axis=0).max())
         self._x_start = model.x.astype(model.dtype).astype(np.float64)  # as rounded as the state
@@ -49,10 +52,11 @@ class Playback:
         return sim
 
     def advance(self, sim: Simulation) -> Simulation:
-        """Send the pinned points to where they are at the next frame."""
+        """Send the pinned points and the colliders to where they are at the next frame."""
         if self._moving:
             places = np.concatenate([curves.pins(self.time_code(sim.frame + 1)) for curves, _ in self._moving])
             sim.lead(np.concatenate([index for _, index in self._moving]), places - self._source.origin)
+        self._colliders.advance(sim, self.time_code(sim.frame + 1))
         return sim
 
     def frame(self, frame: int, state: State, tension: np.ndarray | None = None) -> list[Any]:

@@ -1,4 +1,4 @@
-"""A stage as a scene: its curves as ropes, its planes and spheres as colliders."""
+"""A stage as a scene: its curves as ropes, its geometry as colliders."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import warp as wp
 from pxr import Tf, Usd
 
 from pbd_warp import check
-from pbd_warp.curves.colliders import add_collider
+from pbd_warp.curves.colliders import StageCollider
 from pbd_warp.curves.curves import Curves
 from pbd_warp.curves.material import Material
 from pbd_warp.curves.opening import open_stage
@@ -48,7 +48,7 @@ class StageScene:
     stage: Usd.Stage
     timeline: Timeline
     curves: list[Curves]
-    colliders: list[Usd.Prim]
+    colliders: list[StageCollider]
     gravity: np.ndarray
     origin: np.ndarray
     scene: Scene
@@ -81,8 +81,8 @@ class StageScene:
             raise InputError(left[0])
         builder = ModelBuilder(self.gravity)
         add_ropes(builder, curves, self.origin, self.device, self.dtype)
-        for prim in self.colliders:
-            add_collider(builder, prim, self.timeline.time_codes, self.origin)
+        for collider in self.colliders:
+            collider.add(builder, self.origin)
         return replace(self, curves=curves, scene=self.scene.changed(builder=builder), left=[*self.left, *left])
 
 
@@ -103,7 +103,7 @@ def load_stage(
 
     Args:
         prims: Patterns of the paths of curves; all unless given. skip: Patterns of those to leave out.
-        collide: Patterns of the paths of planes and spheres to collide with.
+        collide: Patterns of the paths of geometry to collide with; "physics": all that has UsdPhysics.CollisionAPI.
         material: What all ropes are made of; where it says nothing, what their prims say.
         gravity: Against the stage's up axis [m/s^2]; what the stage's physics scene says unless given.
         frames, fps: As in `timeline`.
@@ -135,7 +135,7 @@ def load_stage(
         raise InputError(next(f"{name}: {reason}" for name, reason in reasons.items()))
     if left and strict:
         raise InputError(left[0])
-    colliders = find_colliders(stage, collide)
+    colliders = [StageCollider.of(prim, codes) for prim in find_colliders(stage, collide)]
     scene = Scene(
         ModelBuilder(pull),
         time.frames,

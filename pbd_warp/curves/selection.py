@@ -5,11 +5,14 @@ from __future__ import annotations
 import fnmatch
 from collections.abc import Iterator, Sequence
 
-from pxr import Sdf, Usd, UsdGeom
+from pxr import Sdf, Usd, UsdGeom, UsdPhysics
 
 from pbd_warp.errors import InputError
 
 MARK = "pbd:mark"
+
+PHYSICS = "physics"
+"""The pattern for everything that has UsdPhysics.CollisionAPI."""
 
 
 def matches(path: str, pattern: str) -> bool:
@@ -83,10 +86,19 @@ def shared_with_others(stage: Usd.Stage, paths: Sequence[str]) -> dict[str, str]
 def find_colliders(stage: Usd.Stage, patterns: Sequence[str]) -> list[Usd.Prim]:
     """The geometry that matches one of the patterns."""
     every = [prim for prim in _prims(stage) if prim.IsA(UsdGeom.Gprim) or prim.IsA(UsdGeom.PointInstancer)]
+    found = []
     for pattern in patterns:
-        if not any(matches(_path(prim), pattern) for prim in every):
-            raise InputError(f"--collide {pattern} matches no geometry: give the path of a Plane or Sphere")
-    return [prim for prim in every if any(matches(_path(prim), pattern) for pattern in patterns)]
+        if pattern == PHYSICS:
+            matching = [prim for prim in every if prim.HasAPI(UsdPhysics.CollisionAPI)]
+            matching = [prim for prim in matching if UsdPhysics.CollisionAPI(prim).GetCollisionEnabledAttr().Get()]
+        else:
+            matching = [prim for prim in every if matches(_path(prim), pattern)]
+        if not matching:
+            raise InputError(f"--collide {pattern} matches no geometry: give the path of a mesh, a solid or a plane")
+        # What holds curves and solids means the solids.
+        solid = [prim for prim in matching if not prim.IsA(UsdGeom.Curves)]
+        found += solid or matching
+    return [prim for prim in every if prim in found]
 
 
 def _prims(stage: Usd.Stage) -> Iterator[Usd.Prim]:

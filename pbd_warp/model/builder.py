@@ -11,18 +11,18 @@ from numpy.typing import ArrayLike
 
 from pbd_warp import check, kernel_cache
 from pbd_warp.errors import InputError, unknown
-from pbd_warp.kernels.collider import PLANE, SPHERE
 from pbd_warp.model.bending import BendingSet
+from pbd_warp.model.colliders import ColliderBuilder
 from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
 from pbd_warp.model.copies import check_varying, replicate
 from pbd_warp.model.graph import components
-from pbd_warp.model.model import Colliders, Contacts, Model
+from pbd_warp.model.model import Contacts, Model
 from pbd_warp.model.rope import RopeBuilder
 
 DTYPES = {"float32": wp.float32, "float64": wp.float64}
 
 
-class ModelBuilder(RopeBuilder):
+class ModelBuilder(RopeBuilder, ColliderBuilder):
     """Collects particles, constraints and colliders; `finalize` makes a Model of them.
 
     SI units, y up. All methods raise InputError on input that makes no sense (not finite, negative mass, radius or
@@ -33,13 +33,13 @@ class ModelBuilder(RopeBuilder):
     """
 
     def __init__(self, gravity: ArrayLike = (0.0, -9.81, 0.0)):
+        super().__init__()
         self.gravity = check.vector("gravity", gravity)
         self.particle_count = 0
         self._particles: list[tuple[np.ndarray, ...]] = []  # x, v, w, radius
         self._distances: list[tuple[np.ndarray, ...]] = []  # edge, rest_length, stiffness, compliance
         self._points: list[tuple[np.ndarray, ...]] = []  # particle, target, stiffness, compliance
         self._bends: list[tuple[np.ndarray, ...]] = []  # triple, stiffness, length, rest
-        self._colliders: list[tuple[np.ndarray, ...]] = []  # kind, centre, normal, size, friction, restitution
         self._ropes: list[np.ndarray] = []
         self._contacts: Contacts | None = None
         self._copies: tuple[int, dict[str, ArrayLike]] | None = None
@@ -154,19 +154,6 @@ class ModelBuilder(RopeBuilder):
         self.add_distances(edge + np.int32(added.start), stiffness=stiffness, compliance=compliance)
         return added
 
-    def add_plane(self, point: ArrayLike, normal: ArrayLike, friction: float = 0.0, restitution: float = 0.0) -> None:
-        """Add a fixed plane through `point` [m]; particles stay on the side that `normal` points to."""
-        n = check.vector("normal", normal)
-        length = np.linalg.norm(n)
-        if length == 0.0:
-            raise InputError("normal must not be (0, 0, 0): it says which side of the plane is free")
-        self._add_collider(PLANE, check.vector("point", point), n / length, 0.0, friction, restitution)
-
-    def add_sphere(self, centre: ArrayLike, radius: float, friction: float = 0.0, restitution: float = 0.0) -> None:
-        """Add a fixed sphere [m]; particles stay outside."""
-        radius = check.number("radius", radius, above=0.0)
-        self._add_collider(SPHERE, check.vector("centre", centre), np.zeros(3), radius, friction, restitution)
-
     def enable_contacts(self, friction: float = 0.0, restitution: float = 0.0) -> None:
         """Let particles with a radius collide with each other, except those that a distance joins.
 
@@ -220,7 +207,7 @@ class ModelBuilder(RopeBuilder):
             point=PointSet(*_columns(self._points, _INDEX, _VECTOR, _SCALAR, _SCALAR)),
             bending=BendingSet(*_columns(self._bends, _INDEX_TRIPLE, _SCALAR, _SCALAR, _SCALAR)),
             contacts=self._contacts,
-            colliders=Colliders(*_columns(self._colliders, _INDEX, _VECTOR, _VECTOR, _SCALAR, _SCALAR, _SCALAR)),
+            colliders=self._finished_colliders(radius, w),
             ropes=tuple(self._ropes),
             component=components(distance.edge, self.particle_count),
             device=find_device(device),
@@ -238,14 +225,6 @@ class ModelBuilder(RopeBuilder):
         a = check.spread("compliance", compliance, n, low=0.0)
         check_softness(what, k, a)
         return k, a
-
-    def _add_collider(
-        self, kind: int, centre: np.ndarray, normal: np.ndarray, size: float, friction: float, restitution: float
-    ) -> None:
-        friction = check.number("friction", friction, low=0.0)
-        restitution = check.number("restitution", restitution, low=0.0, high=1.0)
-        row = (np.int32(kind), centre, normal, size, friction, restitution)
-        self._colliders.append(tuple(np.asarray(value)[None] for value in row))
 
 
 _INDEX, _INDEX_PAIR = np.zeros(0, np.int32), np.zeros((0, 2), np.int32)

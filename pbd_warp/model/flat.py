@@ -10,11 +10,14 @@ import numpy as np
 
 from pbd_warp import check
 from pbd_warp.errors import InputError
+from pbd_warp.kernels.shapes import KINDS, MESH
 from pbd_warp.model.bending import BendingSet, lengths_of
 from pbd_warp.model.builder import DTYPES
+from pbd_warp.model.colliders import Colliders
 from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
 from pbd_warp.model.graph import components
-from pbd_warp.model.model import Colliders, Contacts, Model
+from pbd_warp.model.meshes import checked_mesh
+from pbd_warp.model.model import Contacts, Model
 
 Take = Callable[..., np.ndarray]
 
@@ -66,7 +69,7 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
             raise InputError(f"{name} has values out of range")
         return values
 
-    n, edges, points, colliders = rows("x"), rows("distance.edge"), rows("point.particle"), rows("colliders.kind")
+    n, edges, points = rows("x"), rows("distance.edge"), rows("point.particle")
     if n == 0:
         raise InputError("there are no particles")
     distance = DistanceSet(
@@ -106,14 +109,7 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
         point=point,
         bending=bending,
         contacts=contacts,
-        colliders=Colliders(
-            in_range("colliders.kind", (colliders,), 2),
-            take("colliders.centre", (colliders, 3)),
-            take("colliders.normal", (colliders, 3)),
-            within("colliders.size", (colliders,)),
-            within("colliders.friction", (colliders,)),
-            within("colliders.restitution", (colliders,), 1.0),
-        ),
+        colliders=_colliders(rows, take, in_range, within),
         ropes=tuple(np.split(along, np.cumsum(lengths)[:-1])) if len(lengths) else (),
         component=take("component", (n,), np.int32),
         device=device,
@@ -125,6 +121,33 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
     if not np.array_equal(model.component, components(distance.edge, n)):
         raise InputError("component is not that of the distances")
     return model
+
+
+def _colliders(rows: Callable, take: Callable, in_range: Callable, within: Callable) -> Colliders:
+    """The part of `model_from` for colliders; its arguments are the readers there."""
+    count, points, triangles = rows("colliders.kind"), rows("colliders.points"), rows("colliders.triangles")
+    made = Colliders(
+        in_range("colliders.kind", (count,), KINDS),
+        take("colliders.centre", (count, 3)),
+        take("colliders.rotation", (count, 4)),
+        take("colliders.size", (count, 3)),
+        within("colliders.friction", (count,)),
+        within("colliders.restitution", (count,), 1.0),
+        in_range("colliders.moves", (count,), 2),
+        take("colliders.velocity", (count, 3)),
+        take("colliders.spin", (count, 3)),
+        take("colliders.points", (points, 3)),
+        take("colliders.triangles", (triangles, 3), np.int32),
+        in_range("colliders.point_count", (count,), points + 1),
+        in_range("colliders.triangle_count", (count,), triangles + 1),
+    )
+    if np.any(np.abs(np.linalg.norm(made.rotation, axis=1) - 1.0) > 1e-6):
+        raise InputError("colliders.rotation holds what turns nothing rightly")
+    if made.point_count.sum() != points or made.triangle_count.sum() != triangles:
+        raise InputError("colliders.points and colliders.triangles do not fit")
+    for which in np.flatnonzero(made.kind == MESH).tolist():
+        checked_mesh(*made.mesh(which))
+    return made
 
 
 def _bending(flat: Mapping[str, np.ndarray], take: Take, in_range: Take, distance: DistanceSet) -> BendingSet:

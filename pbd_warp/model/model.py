@@ -9,23 +9,8 @@ import numpy as np
 import warp as wp
 
 from pbd_warp.model.bending import BendingSet
+from pbd_warp.model.colliders import Colliders
 from pbd_warp.model.constraints import DistanceSet, PointSet
-
-
-@dataclass(frozen=True)
-class Colliders:
-    """Fixed planes and spheres, one row each.
-
-    kind: 0 plane, 1 sphere. centre [m]: a point of the plane, the sphere's centre. normal: the plane's, of unit
-    length. size [m]: the sphere's radius. All are numpy arrays of shape [collider_count] or [collider_count, 3].
-    """
-
-    kind: np.ndarray
-    centre: np.ndarray
-    normal: np.ndarray
-    size: np.ndarray
-    friction: np.ndarray
-    restitution: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -96,7 +81,7 @@ class Model:
     @property
     def collides(self) -> bool:
         """Whether there is anything to be in contact with."""
-        return self.contacts is not None or len(self.colliders.kind) > 0
+        return self.contacts is not None or len(self.colliders) > 0
 
     def __getstate__(self) -> dict[str, Any]:
         """For pickle and deepcopy: the device and the precision by their names."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pbd_warp.kernels.collider import SPHERE
+from pbd_warp.kernels.shapes import PLANE, SPHERE
 from pbd_warp.model.model import Model
 from pbd_warp.usd.surroundings import flattest_axis
 from pbd_warp.usd.writer import loose_edges, shown_widths
@@ -40,16 +40,16 @@ class Drawn:
         width = np.where(loose_edges(model), EDGE_WIDTH, ROPE_WIDTH)
         fixed = model.w == 0.0
         fixed[model.point.particle] = True
-        ball = model.colliders.kind == SPHERE
+        ball, flat = model.colliders.kind == SPHERE, model.colliders.kind == PLANE
         return cls(
             radius=radius,
             fixed=np.flatnonzero(fixed),
             links=edge,
             link_radius=width * radius[edge].min(axis=1),
             rest_length=model.distance.rest_length,
-            plane_point=model.colliders.centre[~ball],
-            plane_normal=model.colliders.normal[~ball],
-            spheres=np.column_stack([model.colliders.centre[ball], model.colliders.size[ball]]),
+            plane_point=model.colliders.centre[flat],
+            plane_normal=model.colliders.size[flat],
+            spheres=np.column_stack([model.colliders.centre[ball], model.colliders.size[ball, 0]]),
         )
 
     def around(self, x: np.ndarray) -> dict[str, Any]:

@@ -28,15 +28,24 @@ LOOKS: dict[str, tuple[str, str | None]] = {
     "refused": ("#c9c9c9", "--"),
     "off": ("#9fd3f2", "\\\\"),
     "not converged": ("#F0E442", "++"),
-    "stretched": ("#E69F00", "||"),
+    "stretched": ("#E69F00", "."),
     "gained energy": ("#D55E00", "//"),
     "missed": ("#CC79A7", "xx"),
     "not finite": ("#222222", None),
 }
+LEGEND = {
+    "off": "off: > 1 % of the scene from the answer",
+    "not converged": "not converged: half of the error is left",
+    "stretched": "stretched: a link is > 10 % off its length",
+    "gained energy": "gained > 10 % of its energy",
+    "missed": "missed: passed through each other",
+    "refused": "refused before the run",
+}
 INK, GREY, LINE = "#222222", "#777777", "#0072B2"
+HATCHING = "#00000066"  # lines as faint as the eye needs them: dark ones flicker
 MOST_COLUMNS = 3
 PANEL_WIDTH, PANEL_HEIGHT = 3.0, 2.3  # inches
-LEFT, GAP, BETWEEN, TOP, BELOW = 0.75, 0.3, 0.75, 0.85, 1.0
+LEFT, GAP, BETWEEN, TOP, BELOW = 0.75, 0.3, 0.75, 0.85, 1.25
 SMALL = 7.5  # points
 MOST_SHADED = 30.0
 """A shaded number from which on a cell is as dark as it gets."""
@@ -59,6 +68,7 @@ def draw(measured: Measured, path: str | Path) -> None:
         "svg.fonttype": "none",
         "font.size": 8.5,
         "axes.edgecolor": GREY,
+        "hatch.linewidth": 0.5,
     }
     made = measured.map
     columns = min(MOST_COLUMNS, len(made.panels)) if len(made.panels) != 4 else 2
@@ -125,7 +135,7 @@ def _cells(axes: Axes, made: Map, cells: Iterable[Cell], outcome: str, panel: st
     codes = [Outline.MOVETO, Outline.LINETO, Outline.LINETO, Outline.LINETO, Outline.CLOSEPOLY]
     outline = Outline(corners, codes * (len(corners) // len(codes)))
     name = f"{outcome}-{panel}".replace(" ", "-")
-    axes.add_patch(PathPatch(outline, facecolor=colour, edgecolor=INK, linewidth=0.0, hatch=hatch, gid=name))
+    axes.add_patch(PathPatch(outline, facecolor=colour, edgecolor=HATCHING, linewidth=0.0, hatch=hatch, gid=name))
 
 
 def _numbers(axes: Axes, made: Map, cells: Iterable[Cell]) -> None:
@@ -183,14 +193,14 @@ def _legend(figure: Any, made: Map, outcomes: set[str]) -> None:
     from matplotlib.patches import Patch
 
     handles: list[Any] = [
-        Patch(facecolor=colour, edgecolor=INK, linewidth=0.0, hatch=hatch, label=outcome)
+        Patch(facecolor=colour, edgecolor=HATCHING, linewidth=0.0, hatch=hatch, label=LEGEND.get(outcome, outcome))
         for outcome, (colour, hatch) in LOOKS.items()
         if outcome in outcomes
     ]
     if any(panel.boundary for panel in made.panels.values()):
-        handles.append(Line2D([], [], color=LINE, linewidth=1.6, label="theory"))
+        handles.append(Line2D([], [], color=LINE, linewidth=1.6, label="theory: runs begin to fail"))
     figure.legend(
-        handles=handles, loc="lower left", bbox_to_anchor=(0.0, 0.3 / figure.get_figheight()), ncols=6, frameon=False,
+        handles=handles, loc="lower left", bbox_to_anchor=(0.0, 0.3 / figure.get_figheight()), ncols=3, frameon=False,
         fontsize=SMALL, columnspacing=1.2, handletextpad=0.5, handleheight=1.1, borderaxespad=0.0, borderpad=0.5,
     )  # fmt: skip
 

@@ -150,7 +150,7 @@ def _hanging(method: str, steps: bool) -> Boundary:
     def needed(links: float) -> float:
         return theory.sweeps_for(theory.rope_masses(links), 1.0 / 60.0, method, steps=steps)
 
-    return Boundary(needed, "sag of 10 %, from the sweep's matrix", fails="below")
+    return Boundary(needed, "links 10 % too long at rest, by the sweep's matrix", fails="below")
 
 
 def _budget(scene: Callable[[float], Scene], method: type, steps: bool) -> Callable[[float, float], Figures]:
@@ -176,7 +176,7 @@ def _swinging(method: str, steps: bool) -> Boundary:
     def needed(ratio: float) -> float:
         return theory.sweeps_for(theory.heavy_bob(ratio, 20), 1.0 / 60.0, method, 3.0, steps)
 
-    return Boundary(needed, "sag of 10 % at 3 times the weight", fails="below")
+    return Boundary(needed, "links 10 % too long at 3 times the weight, as in a swing", fails="below")
 
 
 CHAIN_LENGTH = Map(

@@ -62,7 +62,7 @@ class Context:
         self.drag = drag
         self.depenetration_speed = depenetration_speed
         self.real, self.vec3 = model.real, PRECISIONS[model.real]["Vec3"]
-        self.mat33 = PRECISIONS[model.real]["Mat33"]
+        self.mat33, self.quat = PRECISIONS[model.real]["Mat33"], PRECISIONS[model.real]["Quat"]
         self.launch = Launcher(model.device, model.real)
         self.arrays: dict[str, wp.array] = {}
         self.fixed: set[str] = set()

@@ -28,6 +28,7 @@ from pbd_warp.kernels import (
     midpoint,
     point,
     pull,
+    shape_contact,
 )
 from pbd_warp.kernels.precision import PrecisionKernel, StepPass
 from pbd_warp.step.loading import load_modules
@@ -58,6 +59,7 @@ CONTACTS = (
     *(contact.find_close_contacts, collider.find_collider_contacts, contact.note_overflow, contact.project_contact),
     *(bounce.count_active, bounce.bounce),
 )
+SHAPES = (shape_contact.find_shape_contacts, shape_contact.move_shapes)
 BENDING = (bending.project_bending,)
 MACHINES = {
     "first_order": BASE + FIRST_ORDER,
@@ -67,6 +69,8 @@ MACHINES = {
     "bending": BASE + FIRST_ORDER + SECOND_ORDER + SELDOM + BENDING,
     "contacts": BASE + FIRST_ORDER + CONTACTS,
     "contacts_seldom": BASE + FIRST_ORDER + CONTACTS + SELDOM,
+    "shapes": BASE + FIRST_ORDER + CONTACTS + SHAPES,
+    "shapes_seldom": BASE + FIRST_ORDER + CONTACTS + SHAPES + SELDOM,
 }
 """Passes of each machine, the smaller ones first: what a scene does not use need not be compiled for it."""
 

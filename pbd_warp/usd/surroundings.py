@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from pxr import Gf, Usd, UsdGeom, UsdLux, Vt
 
-from pbd_warp.kernels.collider import SPHERE
-from pbd_warp.model.model import Colliders
+from pbd_warp.kernels.shapes import PLANE, SPHERE
+from pbd_warp.model.colliders import Colliders
 from pbd_warp.usd.space import Space
 
 COLLIDER_COLOUR = (0.55, 0.55, 0.55)
@@ -58,13 +58,14 @@ class Surroundings:
         c = self._colliders
         if len(c.kind):
             UsdGeom.Scope.Define(self._stage, "/World/Colliders")
-        for number, (kind, point, normal, radius) in enumerate(zip(c.kind, c.centre, c.normal, c.size, strict=True)):
+        for number, (kind, point, form) in enumerate(zip(c.kind, c.centre, c.size, strict=True)):
             gprim: UsdGeom.Gprim
             if kind == SPHERE:
                 gprim = UsdGeom.Sphere.Define(self._stage, f"/World/Colliders/Sphere_{number}")
-                gprim.CreateRadiusAttr(float(self._space.length(radius)))
+                gprim.CreateRadiusAttr(float(self._space.length(form[0])))
                 gprim.AddTranslateOp().Set(Gf.Vec3d(*self._space(point)))
-            else:
+            elif kind == PLANE:
+                normal = form
                 gprim = UsdGeom.Plane.Define(self._stage, f"/World/Colliders/Plane_{number}")
                 gprim.CreateAxisAttr(UsdGeom.Tokens.z)
                 gprim.CreateWidthAttr(self._space.length(size))

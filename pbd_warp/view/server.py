@@ -25,6 +25,7 @@ from pbd_warp.view.connection import Connection
 from pbd_warp.view.pace import Pace
 from pbd_warp.view.saving import SAVED, saved_file
 from pbd_warp.view.session import Session
+from pbd_warp.view.shortage import Shortage
 from pbd_warp.view.turn import Outcome, clip_of, take_turn, what_takes_long
 
 PAGE = Path(__file__).parent / "page"
@@ -105,10 +106,8 @@ class ViewServer:
         quiet.addHandler(logging.NullHandler())
         quiet.propagate = False  # what strangers send to a port is no news
         app = web.Application(middlewares=[self._guard], logger=quiet)
-        path = self.access.path
-        app.router.add_get(path + "ws", self._converse)
-        app.router.add_get(path + "save/{name}", self._save)
-        app.router.add_get(path + "{name:[^/]*}", self._file)
+        for path, handler in ("ws", self._converse), ("save/{name}", self._save), ("{name:[^/]*}", self._file):
+            app.router.add_get(self.access.path + path, handler)
         self._runner = web.AppRunner(app, access_log=None, logger=quiet, shutdown_timeout=2.0)
         await self._runner.setup()
         for port in range(self.port, 65536):
@@ -118,13 +117,13 @@ class ViewServer:
                 break
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
-                    reason = error.strerror or str(error)
                     await self._runner.cleanup()
-                    raise InputError(f"cannot listen on {self.host}, port {port}: {reason}") from None
+                    raise InputError(f"cannot listen on {self.host}, port {port}: {error.strerror or error}") from None
         else:
             raise InputError(f"no port from {self.port} on is free: name a lower one with --port")
         self.port = self.access.port = self._runner.addresses[0][1]
         loop = asyncio.get_running_loop()
+        loop.set_exception_handler(Shortage())
         self._tell_loading = lambda what: loop.call_soon_threadsafe(self._set_busy, {"compiling": what})
         loading.listeners.append(self._tell_loading)
         self._set_busy({"text": f"Opening {self.session.scene.name}"})

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from pbd_warp.kernels.collider import SPHERE
+from pbd_warp.kernels.shapes import PLANE, SPHERE
 from pbd_warp.model.model import Model
 from pbd_warp.usd.surroundings import flattest_axis
 from pbd_warp.usd.writer import loose_edges, shown_widths
@@ -41,8 +41,8 @@ def describe(model: Model) -> dict[str, Any]:
     low, high = expected_box(model, radius)
     axis = flat_axis(model)
     colliders = model.colliders
-    ball = colliders.kind == SPHERE
-    centre, normal = colliders.centre[~ball], colliders.normal[~ball]
+    ball, flat = colliders.kind == SPHERE, colliders.kind == PLANE
+    centre, normal = colliders.centre[flat], colliders.size[flat]
     planes = plane_polygons(centre, normal, low, high, axis)
     level = centre[normal[:, 1] > UPRIGHT, 1]
     return {
@@ -53,7 +53,7 @@ def describe(model: Model) -> dict[str, Any]:
         "rest_length": model.distance.rest_length.tolist(),
         "planes": [polygon.tolist() for polygon, _ in planes],
         "walls": [wall(polygon, n, low, high, axis).tolist() for polygon, n in planes if axis is not None],
-        "spheres": np.column_stack([colliders.centre[ball], colliders.size[ball]]).tolist(),
+        "spheres": np.column_stack([colliders.centre[ball], colliders.size[ball, 0]]).tolist(),
         "low": low.tolist(),
         "high": high.tolist(),
         "ground": float(level.max()) if len(level) and axis is None else None,

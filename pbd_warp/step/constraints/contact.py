@@ -1,6 +1,6 @@
 """Lines 8 and 16: contacts between particles and with colliders, bound to a device.
 
-The maths is in kernels/contact.py, kernels/collider.py and kernels/bounce.py.
+The maths is in kernels/contact.py and kernels/bounce.py; of colliders, see step/colliders.py.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ import numpy as np
 import warp as wp
 
 from pbd_warp.kernels.bounce import bounce, count_active
-from pbd_warp.kernels.collider import find_collider_contacts
 from pbd_warp.kernels.contact import find_close_contacts, find_contacts, note_overflow, project_contact, sweep_midpoints
 from pbd_warp.kernels.jacobi import add_corrections
+from pbd_warp.step.colliders import ColliderShapes
 from pbd_warp.step.context import Context, Stage
 
 MARGIN = 0.05
@@ -45,7 +45,7 @@ class ContactConstraints:
         self._lasting_valence = context.upload("contact.lasting_valence", valence, wp.int32)
         self.valence = context.allocate("contact.valence", model.particle_count, wp.int32)
         n = model.particle_count
-        colliders = model.colliders
+        self.colliders = ColliderShapes(context)
         self.pairs = model.contacts is not None
         self.capacity = room_for_contacts(n, max_contacts)
         self.radius = context.upload("contact.radius", model.radius)
@@ -55,8 +55,11 @@ class ContactConstraints:
         self.gap = context.allocate("contact.gap", self.capacity, context.real)
         self.lam = context.allocate("contact.lam", self.capacity, context.real)
         self.lam_friction = None
-        if np.any(colliders.friction > 0.0) or (model.contacts and model.contacts.friction > 0.0):
+        if np.any(model.colliders.friction > 0.0) or (model.contacts and model.contacts.friction > 0.0):
             self.lam_friction = context.allocate("contact.lam_friction", self.capacity, context.vec3)
+        self.carried = None
+        if self.colliders.moving:
+            self.carried = context.allocate("contact.carried", self.capacity, context.vec3)
         self.v_before = context.allocate("contact.v_before", n, context.vec3)
         self.dv = context.allocate("contact.dv", n, context.vec3)
         self.active = context.allocate("contact.active", n, wp.int32)
@@ -67,13 +70,6 @@ class ContactConstraints:
         if context.depenetration_speed is not None:
             self.depenetration = context.depenetration_speed * context.dt
         self.resting = RESTING_STEPS * float(np.linalg.norm(model.gravity)) * context.dt
-
-        self.kind = context.upload("collider.kind", colliders.kind, wp.int32)
-        self.centre = context.upload("collider.centre", colliders.centre, context.vec3)
-        self.plane_normal = context.upload("collider.normal", colliders.normal, context.vec3)
-        self.size = context.upload("collider.size", colliders.size)
-        self.collider_friction = context.upload("collider.friction", colliders.friction)
-        self.collider_restitution = context.upload("collider.restitution", colliders.restitution)
 
         self.neighbour_start = self.neighbour = None
         if self.pairs and len(model.distance):
@@ -98,6 +94,8 @@ class ContactConstraints:
         n = context.model.particle_count
         x, w, u = context.state.x, context.w, context.u
         launch.zero(self.count)
+        if self.carried is not None:
+            launch.zero(self.carried)
         launch.copy(self.valence, self._lasting_valence)
         launch.copy(self.v_before, context.state.v)
         joined = (self.neighbour_start, self.neighbour, context.model.copy_size)
@@ -119,14 +117,7 @@ class ContactConstraints:
                 *(x, w, u),
                 *(*self.found, self.valence),
             )
-        if len(self.kind):
-            launch(
-                find_collider_contacts,
-                n,
-                *(self.kind, self.centre, self.plane_normal, self.size, self.radius, MARGIN, self.depenetration),
-                *(x, w, u),
-                *(*self.found, self.valence),
-            )
+        self.colliders.find(MARGIN, self.depenetration, self.radius, (*self.found, self.carried, self.valence))
         launch(note_overflow, 1, self.count, self.capacity, context.diverged)
 
     def begin(self, stage: Stage) -> None:
@@ -148,10 +139,14 @@ class ContactConstraints:
         context.launch(
             project_contact,
             self.capacity,
-            *(self.radius, self.friction, self.collider_friction),
-            *(context.state.x, context.w, *self.found, u, valence, relaxation),
+            *(self.radius, self.friction, self.colliders.friction),
+            *(context.state.x, context.w, *self.found, self.carried, u, valence, relaxation),
             *(self.lam, self.lam_friction, residual, correction),
         )
+
+    def collider_overlaps(self) -> tuple[np.ndarray, np.ndarray]:
+        """How deep each particle is now in colliders (see `ColliderShapes.overlaps`)."""
+        return self.colliders.overlaps(self.radius, 0.0)
 
     def update_velocities(self) -> None:
         """Line 16: velocityUpdate."""
@@ -162,12 +157,13 @@ class ContactConstraints:
         launch(
             bounce,
             self.capacity,
-            *(self.friction, self.restitution, self.collider_friction, self.collider_restitution, self.resting),
-            *(context.state.x, context.state.v, context.w),
-            *(self.count, self.pair, self.normal, self.lam, self.v_before, self.active),
+            *(self.friction, self.restitution, self.colliders.friction, self.colliders.restitution, self.resting),
+            *(context.dt, context.state.x, context.state.v, context.w),
+            *(self.count, self.pair, self.normal, self.carried, self.lam, self.v_before, self.active),
             self.dv,
         )
         launch(add_corrections, len(self.dv), None, self.dv, context.state.v)
+        self.colliders.advance()
 
 
 def room_for_contacts(particle_count: int, max_contacts: int | None) -> int:

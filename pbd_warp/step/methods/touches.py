@@ -28,7 +28,8 @@ class Touches:
             *(("lam", room, wp.float64), ("grip", room, wp.vec3d), ("status", room, wp.int32)),
         ):
             setattr(self.contacts, name, context.allocate(f"direct.contact_{name}", size, dtype))
-        self._memory = context.allocate("direct.contact_memory", count * len(found.kind), wp.vec3d)
+        self._flat_or_round = found.colliders.flat_or_round()
+        self._memory = context.allocate("direct.contact_memory", count * len(context.model.colliders), wp.vec3d)
         self._round_off = float(np.finfo(context.model.dtype).eps)
 
     def restart(self) -> None:
@@ -43,8 +44,8 @@ class Touches:
         context.launch(
             list_contacts,
             found.capacity,
-            *(found.kind, found.centre, found.friction, found.collider_friction),
-            *(context.state.x, context.w, *found.found, found.radius, context.u),
+            *(*self._flat_or_round, found.friction, found.colliders.friction),
+            *(context.state.x, context.w, *found.found, found.carried, found.radius, context.u),
             *(self._memory, stage.lam_scale, self._round_off, self.contacts),
         )
 
@@ -56,7 +57,7 @@ class Touches:
             note_contacts,
             found.capacity,
             *(found.count, found.pair, self.contacts, context.u),
-            *(found.lam, found.normal, len(found.kind), self._memory),
+            *(found.lam, found.normal, len(context.model.colliders), self._memory),
         )
 
     def force(self) -> np.ndarray:
