@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd_warp.model.graph import Span, spans
-from pbd_warp.model.model import Model, masses
-from pbd_warp.remedies import REMEDIES
-from pbd_warp.settings import Settings
+from pbd_warp.model.model import masses
+from pbd_warp.snapshot import Snapshot
 from pbd_warp.step.divergence import STRETCHED
 from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS, limits
 from pbd_warp.step.methods.bends import folds, softened
@@ -43,6 +42,30 @@ runs of 10 s; with so many none did, and by Jacobi, whose sweeps are symmetric, 
 
 SMALLER_STEPS = "use more substeps"
 
+REMEDIES = {
+    "relaxation": "keep averaging='mass-splitting' and the relaxation at 1",
+    "star": "use averaging='mass-splitting', GaussSeidel, or a smaller relaxation",
+    "overconstrained": "use averaging='mass-splitting', or give each distance once",
+    "sweeps": "use an even number of iterations, or a relaxation of 1",
+    "chain_length": "use Direct, or more substeps",
+    "mass_ratio": "use Direct, or more substeps",
+    "chebyshev": "use a smaller rho for what moves, or Direct",
+    "sweep_energy": "use Direct, 5 iterations or more, or integrator 'bdf2'",
+    "step": "use integrator 'bdf2', or more substeps",
+    "precision": "use float64, or move the scene to the origin",
+    "drag": "use Direct, or more substeps",
+    "speed": "use more substeps, or float64",
+    "overlap": "start without overlap, or limit the depenetration speed",
+    "unreachable": "hold them nearer to each other, or give the links a compliance",
+    "cradle": "leave gaps wider than a step's way",
+    "coincident": "start particles apart, or use more iterations",
+    "capstan": "use Direct",
+    "short_link": "use Direct, or float64",
+    "loops": "use more substeps",
+    "bending": "use Direct, or more substeps, and start without folds",
+}
+"""What was seen to help against each failure of the atlas, by the name of the check and of the map."""
+
 
 @dataclass(frozen=True)
 class PreflightWarning:
@@ -61,32 +84,6 @@ class PreflightWarning:
 
     def __str__(self) -> str:
         return f"{self.text}: {self.remedy} (test: {self.test})"
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """A simulation at one moment, on the host.
-
-    x, v: float64 [particle_count, 3] [m], [m/s]. w: Inverse masses [1/kg], 0 also for what is held. point_target:
-    [point_count, 3] [m]. overlaps: How deep particles are in colliders, and in which; None where nobody knows.
-    """
-
-    model: Model
-    settings: Settings
-    x: np.ndarray
-    v: np.ndarray
-    w: np.ndarray
-    point_target: np.ndarray
-    overlaps: tuple[np.ndarray, np.ndarray] | None = None
-
-    @property
-    def before(self) -> Snapshot:
-        """Of a simulation that has just failed: where its particles are then says nothing about why, so here they are
-        where they began; but for those that are held, which are where they are led to."""
-        x, v = self.model.x.copy(), self.model.v.copy()
-        held = self.w == 0.0
-        x[held] = np.nan_to_num(self.x[held])
-        return Snapshot(self.model, self.settings, x, v, self.w, self.point_target)
 
 
 def preflight(now: Snapshot) -> list[PreflightWarning]:

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from pbd_warp.simulation import Simulation
-from pbd_warp.stability.cell import run_scene, size_of, study
+from pbd_warp.stability.cell import STEPS_A_FRAME, run_scene, size_of, stepped, study
 from pbd_warp.stability.classify import Figures
 from pbd_warp.stability.map import Axis, Map, Panel
 from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi, Method
 
 
 def _cantilever(method: Method) -> Panel:
-    """A cell: the rod of stiffness x at y substeps for a second; off where it is OFF of its size from its place."""
+    """A cell: the rod of stiffness x in y steps a frame for a second; off where it is OFF of its size from its place."""
 
-    def cell(bending: float, substeps: float) -> Figures:
+    def cell(bending: float, steps: float) -> Figures:
         scene = study("cantilever", bending=bending)
         assert scene.reference is not None
         exact = scene.reference(1.0)
@@ -22,7 +22,7 @@ def _cantilever(method: Method) -> Panel:
         def off(sim: Simulation) -> float:
             return float(np.abs(sim.state.x.numpy() - exact).max() / size_of(sim.model))
 
-        return run_scene(scene.changed(frames=60, method=method, substeps=int(substeps)), energy=False, error=off)
+        return run_scene(stepped(scene.changed(frames=60, method=method), steps), energy=False, error=off)
 
     return Panel(cell)
 
@@ -32,7 +32,7 @@ BENDING = Map(
     title="A rod that holds itself up, and how stiff it is",
     scene="cantilever",
     x=Axis("B [N m^2]", (0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0), log=True),
-    y=Axis("substeps", (1, 2, 4, 8, 16, 32, 64), log=True),
+    y=Axis(STEPS_A_FRAME, (1, 2, 4, 8, 16, 32, 64), log=True),
     panels={
         "direct": _cantilever(Direct()),
         "gauss-seidel (20)": _cantilever(GaussSeidel(20)),

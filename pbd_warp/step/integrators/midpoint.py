@@ -26,7 +26,7 @@ class Midpoint:
         if min(slowed) < 0.5:
             raise InputError(
                 f"a drag of {context.drag:g} 1/s is too much for a step of {context.dt:.3g} s, part of which goes back "
-                "in time: use more substeps, or integrator 'midpoint'"
+                "in time: use shorter steps, or integrator 'midpoint'"
             )
         self._keep = {length * context.dt: 1.0 / slow for length, slow in zip(self.composition, slowed, strict=True)}
         self.stages = [
