@@ -12,7 +12,7 @@ from pbd_warp.scene import references
 LENGTH, BENDING, MASS = 1.0, 1.0, 1e-3  # m, N m^2, kg: the column's
 
 
-def scene(links: int = 40, load: float = 1.5) -> pbd.Scene:
+def scene(links: int = 60, load: float = 1.5) -> pbd.Scene:
     """`load`: the weight, over Euler's load."""
     rods = references()
     s = rods.clamped(links, LENGTH)

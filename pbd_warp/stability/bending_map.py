@@ -12,7 +12,7 @@ from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi, Method
 
 
 def _cantilever(method: Method) -> Panel:
-    """A cell: the rod of stiffness x in y steps a frame for a second; off where it is OFF of its size from its place."""
+    """A cell: the rod of stiffness x in y steps a frame for a second; off where it is not in its place."""
 
     def cell(bending: float, steps: float) -> Figures:
         scene = study("cantilever", bending=bending)
