@@ -46,12 +46,14 @@ def contact_steps(
         tolerated = tolerance + c.surface[k][3]
         if c.status[k] == OPEN:
             gap, n, curvature = gap_now(p.move[t], c.side[k], c.start[k], c.led[k], c.surface[k])
-            switched = switched or gap < -(tolerated + relative * scale)
+            left = -gap / (tolerated + relative * scale)
+            switched = switched or left > wp.float64(1.0)
         else:
             gap, n, curvature = gap_now(p.move[t] - du, c.side[k], c.start[k], c.led[k], c.surface[k])
             now, push, hold, left = contact_step(
                 c.status[k], gap, n, curvature, p.move[t] - c.led[k], du, c.lam[k], c.grip[k], c.surface[k][2],
-                wp.float64(1.0) / (touch * p.weight[t]), p.weight[t], wp.float64(CURVED), lagging,
+                p.stiffness[t] / touch, p.stiffness[t] / wp.max(touch, c.rubs), p.weight[t],
+                wp.float64(CURVED) * p.stiffness[t], lagging,
                 scale, tolerated, relative,
             )  # fmt: skip
             switched = switched or (now != c.status[k] and left > wp.float64(1.0))
@@ -59,7 +61,7 @@ def contact_steps(
             c.status[k] = now
             c.lam[k] = push
             c.grip[k] = hold
-            error = wp.max(error, left)
+        error = wp.max(error, left)
         k = c.following[k]
     return error, switched, touches
 
@@ -81,17 +83,19 @@ def back_pass(
     mean_length: wp.float64,
     tolerance: wp.float64,
     relative: wp.float64,
-    loose: wp.float64,
+    close: wp.float64,
 ):
     """The step of all tiles, in move and the multipliers.
 
-    What is left over what is tolerated, how far the ends of a link moved apart over its length, how far one gives over
-    its length, the largest of each; whether contacts switched or are about to, and whether there are any."""
+    What is left of links and points, and of contacts, over what is tolerated, how far the ends of a link moved apart
+    over its length, how far one gives over its length, the largest of each; whether contacts switched or are about to,
+    and whether there are any."""
     zero = wp.float64(0.0)
     one = wp.float64(1.0)
     error = zero
     widest = zero
     gave = zero
+    contact = zero
     switched = bool(False)
     touches = bool(False)
     per_length = one / mean_length
@@ -148,9 +152,9 @@ def back_pass(
             if c.head:
                 size = wp.max(mean_length, wp.length(p.free[t]))
                 left, changed, some = contact_steps(
-                    t, s.particle[t], m.b[t], p, c, touch, lagging, size, tolerance, loose
+                    t, s.particle[t], m.b[t], p, c, touch, lagging, size, tolerance, close
                 )
-                error = wp.max(error, left)
+                contact = wp.max(contact, left)
                 switched = switched or changed
                 touches = touches or some
-    return error, widest, gave, switched, touches
+    return error, contact, widest, gave, switched, touches

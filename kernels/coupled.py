@@ -20,11 +20,10 @@ from pbd_warp.kernels.bending_row import begin_bends, bending_steps
 from pbd_warp.kernels.eliminate import eliminate_piece
 from pbd_warp.kernels.elimination import back, back_tile, forward, forward_tile
 from pbd_warp.kernels.link_row import SHORT
-from pbd_warp.kernels.newton import SLACK
 from pbd_warp.kernels.pieces import Bends, Links, Matrix, Particles, Points, Progress, Schedule, Touching
 from pbd_warp.kernels.ports import Ports
 from pbd_warp.kernels.precision import Real, Vec3, kernel
-from pbd_warp.kernels.progress import LAG, begin_piece, end_piece, first_progress, judge_piece
+from pbd_warp.kernels.progress import LAG, begin_piece, end_piece, find_stiffness, first_progress, judge_piece
 from pbd_warp.kernels.weighted import Contacts
 
 
@@ -67,6 +66,7 @@ def begin_pieces(
 @kernel
 def load_pieces(
     # In:
+    p: Particles,
     ports: Ports,
     c: Contacts,
     # Out:
@@ -79,6 +79,12 @@ def load_pieces(
             port = c.port[k][a]
             if port >= 0:
                 wp.atomic_add(m.b, ports.to_tile[port], c.weight[k][a] * c.force[k])
+                across = wp.length(c.force[k]) / c.size[k]
+                for b in range(4):
+                    other = c.port[k][b]
+                    if other >= 0 and b != a:
+                        across = across + p.mass[ports.to_tile[other]]
+                wp.atomic_add(ports.stiffness, port, across)
 
 
 @kernel
@@ -107,6 +113,11 @@ def eliminate_pieces(
     end = s.piece_first[piece + 1]
     number = ports.count[piece]
     short = wp.float64(SHORT) * p.mean_length[piece]
+    find_stiffness(begin, end, s, p, links)
+    for port in range(begin, begin + number):
+        t = ports.to_tile[port]
+        p.stiffness[t] = p.stiffness[t] + ports.stiffness[port]
+        ports.stiffness[port] = wp.float64(0.0)
     eliminate_piece(piece, begin, end, s, m, p, links, points, c, bends, g.rigid, False, short, g.touch, lagging)
     for o in range(end - begin):
         t = end - 1 - o
@@ -149,6 +160,7 @@ def step_pieces(
     reach: wp.float64,
     tolerance: wp.float64,
     relative: wp.float64,
+    close: wp.float64,
     # Scratch and out:
     m: Matrix,
     p: Particles,
@@ -180,13 +192,15 @@ def step_pieces(
         z = forward(m.F[t], m.swap[t] * z)
         ports.y[t] = z
         m.b[t] = m.b[t] + z
-    left, widest, given, switched, touches = back_pass(
+    left, contact, widest, given, switched, touches = back_pass(
         begin, end, s, m, p, links, points, c, g.rigid, False, g.touch, lagging, p.mean_length[piece],
-        tolerance, relative, wp.float64(SLACK) * relative,
+        tolerance, relative, close,
     )  # fmt: skip
     if bends.first:
         left = wp.max(left, bending_steps(piece, m, p, bends, tolerance, relative))
-    progress[piece] = judge_piece(g, piece, begin, end, m, p, reach, lagging, left, widest, given, switched, True)
+    progress[piece] = judge_piece(
+        g, piece, begin, end, m, p, reach, lagging, left, contact, widest, given, switched, True
+    )
 
 
 @kernel
@@ -223,6 +237,20 @@ def end_pieces(
     if ports.coupled[piece] == 1:
         begin = s.piece_first[piece]
         end = s.piece_first[piece + 1]
-        end_piece(pieces[piece], piece, begin, end, s, p, links, False, accepted, u, iterations_used, unconverged)
+        end_piece(
+            pieces[piece],
+            piece,
+            begin,
+            end,
+            s,
+            p,
+            links,
+            False,
+            accepted,
+            accepted_contact,
+            u,
+            iterations_used,
+            unconverged,
+        )
     if piece == 0 and not (progress[1] <= accepted_contact):
         wp.atomic_add(unconverged, 0, 1)

@@ -35,7 +35,7 @@ def contact_rows(t: wp.int32, i: wp.int32, p: Particles, c: Touching, touch: wp.
     M = wp.mat33d()
     force = wp.vec3d()
     slides = bool(False)
-    inertia = wp.float64(1.0) / p.weight[t]
+    inertia = p.stiffness[t]
     k = c.head[i]
     while k >= 0:
         gap, n, curvature = gap_now(p.move[t], c.side[k], c.start[k], c.led[k], c.surface[k])
@@ -46,7 +46,7 @@ def contact_rows(t: wp.int32, i: wp.int32, p: Particles, c: Touching, touch: wp.
             slip = slip - wp.dot(n, slip) * n
             block, push = contact_row(
                 c.status[k], gap, n, curvature, slip, c.lam[k], c.grip[k], c.surface[k][2],
-                inertia / touch, wp.float64(CURVED) * inertia, lagging,
+                inertia / touch, inertia / wp.max(touch, c.rubs), wp.float64(CURVED) * inertia, lagging,
             )  # fmt: skip
             M = M + block
             force = force + push

@@ -35,10 +35,7 @@ from pbd_warp.kernels.eliminate import eliminate_piece
 from pbd_warp.kernels.link_row import SHORT
 from pbd_warp.kernels.pieces import Bends, Links, Matrix, Particles, Points, Schedule, Touching
 from pbd_warp.kernels.precision import Real, Vec3, kernel
-from pbd_warp.kernels.progress import LAG, begin_piece, end_piece, first_progress, judge_piece
-
-SLACK = wp.constant(1.0e3)
-"""Tolerances that the gap and the slip of a contact may be off by."""
+from pbd_warp.kernels.progress import LAG, begin_piece, end_piece, find_stiffness, first_progress, judge_piece
 
 
 @kernel
@@ -61,7 +58,9 @@ def solve_pieces(
     iterations: wp.int32,
     tolerance: wp.float64,  # [m]
     relative: wp.float64,  # tolerance of a length over the rest length, and of the balance over the forces
+    close: wp.float64,  # the same of gap and slip of a contact over what they come from, and of its force
     accepted: wp.float64,  # times the tolerance: what counts as converged where iterations end above it
+    accepted_contact: wp.float64,  # the same of contacts
     coupled: wp.array[wp.int32],  # [piece_count] 1: not here but in coupled.py; or None: all are solved here
     # Scratch and out:
     m: Matrix,
@@ -89,20 +88,23 @@ def solve_pieces(
         begin_bends(piece, bends, x, u, wp.float64(compliance_scale[0]))
     mean_length = p.mean_length[piece]
     short = wp.float64(SHORT) * mean_length
-    loose = wp.float64(SLACK) * relative
     g = first_progress(p.gives[piece] == 0)
     while g.used < iterations and not g.done:
         g.used = g.used + 1
+        if c.head:
+            find_stiffness(begin, end, s, p, links)
         lagging = (g.used / LAG) % 2 == 1
         eliminate_piece(
             piece, begin, end, s, m, p, links, points, c, bends, g.rigid, mean_gradient, short, g.touch, lagging
         )
-        left, widest, given, switched, touches = back_pass(
+        left, contact, widest, given, switched, touches = back_pass(
             begin, end, s, m, p, links, points, c, g.rigid, mean_gradient, g.touch, lagging, mean_length,
-            tolerance, relative, loose,
+            tolerance, relative, close,
         )  # fmt: skip
         if bends.first:
             left = wp.max(left, bending_steps(piece, m, p, bends, tolerance, relative))
             touches = touches or bends.exact[piece] == 0  # linear convergence, which takes as long
-        g = judge_piece(g, piece, begin, end, m, p, reach, lagging, left, widest, given, switched, touches)
-    end_piece(g, piece, begin, end, s, p, links, mean_gradient, accepted, u, iterations_used, unconverged)
+        g = judge_piece(g, piece, begin, end, m, p, reach, lagging, left, contact, widest, given, switched, touches)
+    end_piece(
+        g, piece, begin, end, s, p, links, mean_gradient, accepted, accepted_contact, u, iterations_used, unconverged
+    )

@@ -45,6 +45,7 @@ class Particles:
     mean_length: wp.array[wp.float64]  # [piece_count] of a piece's links [m]
     weight: wp.array[wp.float64]  # [tile_count] inverse mass now, 0: held [1/kg]
     mass: wp.array[wp.float64]  # [tile_count] its inverse, 0: held [kg]
+    stiffness: wp.array[wp.float64]  # [tile_count] across links and contacts that carry, and mass; or None [kg]
     free: wp.array[wp.vec3d]  # [tile_count] displacement without constraints [m]
     move: wp.array[wp.vec3d]  # [tile_count] displacement u [m]
     shift: wp.array[wp.vec3d]  # [tile_count] what constraints moved in the step before, and now [m]
@@ -80,10 +81,11 @@ class Progress:
     rigid: wp.bool
     polishing: wp.bool  # rigid again, from where elastic links converged
     done: wp.bool
-    error: wp.float64  # what is left over what is tolerated
+    error: wp.float64  # what is left of links and points over what is tolerated
+    contact: wp.float64  # the same of contacts
     gave: wp.float64  # how far a link gives over its length
     widest: wp.float64  # how far the ends of a link moved apart in the last iteration, over its length
-    touch: wp.float64  # of a particle's inverse mass: what its contacts give
+    touch: wp.float64  # over a particle's stiffness: what its contacts give
 
 
 @wp.struct
@@ -120,6 +122,7 @@ class Bends:
 class Touching:
     """Contacts with what is fixed or led (touch.py); None where there are none."""
 
+    rubs: wp.float64  # over a particle's stiffness: what friction gives at least
     head: wp.array[wp.int32]  # [particle_count] first of its contacts, or -1
     following: wp.array[wp.int32]  # [capacity] next contact of the same particle, or -1
     side: wp.array[wp.vec3d]  # [capacity] normal as found, out of what is fixed; 0: round

@@ -26,6 +26,7 @@ class Ports:
     column: wp.array[wp.mat33d]  # [tile_count] one column of K^-1
     y: wp.array[wp.vec3d]  # [tile_count] one solution
     move: wp.array[wp.vec3d]  # [tile_count] displacement of each port after the step [m]
+    stiffness: wp.array[wp.float64]  # [tile_count] of the contacts of each port, as `find_stiffness` has it [kg]
     load: wp.array[wp.vec3d]  # [tile_count] change of the force on each port [kg m]
 
 
@@ -37,6 +38,7 @@ def clear_ports(
     t = wp.tid()
     ports.of_tile[t] = NOBODY
     ports.load[t] = wp.vec3d()
+    ports.stiffness[t] = wp.float64(0.0)
 
 
 @kernel

@@ -27,13 +27,13 @@ STILL = wp.constant(1.0e-9)
 AGAIN = wp.constant(16)
 """Steps of elastic links after which rigid ones are tried again, or where they stretch a quarter of what they did."""
 
-TOUCH = wp.constant(1.0e-3)
-"""Of a particle's inverse mass: what a contact gives in the first iteration; it firms tenfold in each that follows.
+TOUCH = wp.constant(1.0e-2)
+"""Over a particle's stiffness: what a contact gives in the first iteration; it firms tenfold in each that follows.
 What is stuck to a surface and held together by rigid links has more constraints than unknowns: firm at once, Newton's
 errors, of second order, would make forces larger than those of the links, of either sign."""
 
 FIRMEST = wp.constant(1.0e-4)
-"""What it gives in the end, of either precision: rounded positions contradict each other too."""
+"""What it gives in the end, but for friction (touches.py)."""
 
 LAG = wp.constant(12)
 """Iterations after which friction is bounded by the push as it was for as many, and so on in turn: contacts that slide
@@ -111,6 +111,22 @@ def begin_piece(
 
 
 @wp.func
+def find_stiffness(begin: wp.int32, end: wp.int32, s: Schedule, p: Particles, links: Links):
+    """How firmly particles are held across what they touch: by inertia, and across links by what those carry. What a
+    contact gives is a fraction of that, or it would converge at the pace at which rubber takes a load."""
+    for t in range(begin, end):
+        p.stiffness[t] = p.mass[t]
+    for t in range(begin, end):
+        for q in range(s.link_first[t], s.link_first[t + 1]):
+            L = links.fixed[q][0]
+            if L > wp.float64(0.0):
+                across = wp.abs(links.lam[q]) / L
+                p.stiffness[t] = p.stiffness[t] + across
+                if s.other[q] >= 0:
+                    p.stiffness[s.other[q]] = p.stiffness[s.other[q]] + across
+
+
+@wp.func
 def first_progress(rigid: wp.bool):
     """Before the first iteration."""
     g = Progress()
@@ -130,6 +146,7 @@ def judge_piece(
     reach: wp.float64,
     lagging: wp.bool,
     left: wp.float64,
+    contact: wp.float64,
     widest: wp.float64,
     given: wp.float64,
     switched: wp.bool,
@@ -137,6 +154,7 @@ def judge_piece(
 ):
     """What comes after an iteration that left this (`back_pass`): whether that was all, or links have to give."""
     g.error = left
+    g.contact = contact
     g.gave = given
     patience = int(PATIENCE)
     if touches:
@@ -158,12 +176,15 @@ def judge_piece(
     if lagging and switched:
         g.touch = wp.min(wp.float64(10.0) * g.touch, wp.float64(YIELDING))
     else:
-        g.touch = wp.max(wp.float64(0.1) * g.touch, wp.float64(FIRMEST))
-    if switched:
-        g.error = wp.float64(wp.inf)
-        if g.rigid:
-            g.began = g.used
-    if g.error <= wp.float64(1.0):
+        # Those that switch round and round give more each time.
+        least = wp.min(
+            wp.float64(FIRMEST) * wp.pow(wp.float64(10.0), wp.float64(wp.max(g.used / (2 * LAG) - 1, 0))),
+            wp.float64(YIELDING),
+        )
+        g.touch = wp.max(wp.float64(0.1) * g.touch, least)
+    if switched and g.rigid:
+        g.began = g.used
+    if g.error <= wp.float64(1.0) and g.contact <= wp.float64(1.0):
         if g.rigid:
             p.gives[piece] = 0
             g.done = True
@@ -198,6 +219,7 @@ def end_piece(
     links: Links,
     mean_gradient: wp.bool,
     accepted: wp.float64,
+    accepted_contact: wp.float64,
     u: wp.array[Vec3],
     iterations_used: wp.array[wp.int32],
     unconverged: wp.array[wp.int32],
@@ -215,6 +237,6 @@ def end_piece(
         p.shift[t] = p.move[t] - p.free[t]
         u[s.particle[t]] = Vec3(Real(p.move[t][0]), Real(p.move[t][1]), Real(p.move[t][2]))
     wp.atomic_add(iterations_used, 0, g.used)
-    if not (error <= accepted):
+    if not (error <= accepted and g.contact <= accepted_contact):
         wp.atomic_add(unconverged, 0, 1)
         p.missed[piece] = p.missed[piece] + 1

@@ -26,7 +26,7 @@ SLIDES = wp.constant(2)
 NONE = wp.constant(-1)
 
 CURVED = wp.constant(0.2)
-"""Of a particle's inertia: the negative stiffness that the curvature of a surface may have."""
+"""Of a particle's stiffness: the negative stiffness that the curvature of a surface may have."""
 
 
 @wp.func
@@ -151,7 +151,8 @@ def contact_row(
     lam: wp.float64,
     grip: wp.vec3d,
     mu: wp.float64,
-    e: wp.float64,  # 1 / what the contact gives
+    e: wp.float64,  # 1 / what the contact gives along the normal
+    e_t: wp.float64,  # and across it
     softest: wp.float64,  # the most negative stiffness of its curvature, > 0
     lagging: wp.bool,  # friction is bounded by the push as it was, not as this step makes it
 ):
@@ -161,10 +162,10 @@ def contact_row(
     M = e * wp.outer(n, n) - wp.min(wp.max(lam, wp.float64(0.0)) * curvature, softest) * across
     force = push * n
     if mu > wp.float64(0.0):
-        hold = grip - wp.dot(n, grip) * n - e * slip
+        hold = grip - wp.dot(n, grip) * n - e_t * slip
         held = wp.length(hold)
         if status == STICKS:
-            M = M + e * across
+            M = M + e_t * across
             force = force + hold
         elif held > wp.float64(0.0):
             t = hold / held
@@ -173,7 +174,7 @@ def contact_row(
             else:
                 M = M + (mu * e) * wp.outer(t, n)
             force = force + (mu * push) * t
-            M = M + wp.min(mu * wp.max(push, wp.float64(0.0)) / held, wp.float64(1.0)) * e * (across - wp.outer(t, t))
+            M = M + wp.min(mu * wp.max(push, wp.float64(0.0)) / held, wp.float64(1.0)) * e_t * (across - wp.outer(t, t))
     return M, force
 
 
@@ -189,8 +190,9 @@ def contact_step(
     grip: wp.vec3d,
     mu: wp.float64,
     e: wp.float64,
+    e_t: wp.float64,
     weight: wp.float64,
-    curved: wp.float64,
+    softest: wp.float64,
     lagging: wp.bool,
     scale: wp.float64,
     tolerance: wp.float64,
@@ -199,45 +201,49 @@ def contact_step(
     """After a step: status, lam and friction, and what is left of gap and balance over what is tolerated."""
     zero = wp.float64(0.0)
     push = lam - (c + wp.dot(n, du)) * e
-    if push <= zero:
-        return OPEN, zero, wp.vec3d(), zero
+    tolerated = tolerance + relative * (scale + weight * wp.abs(push))
+    if push <= zero:  # what it would have pulled is missing
+        return OPEN, zero, wp.vec3d(), weight * (wp.length(grip) - push) / tolerated
     far = wp.length(du)
     pushed = wp.abs(push - lam)
-    bent = wp.max(lam * curvature - curved / weight, zero)
+    bent = wp.max(lam * curvature - softest, zero)
     left = wp.float64(0.5) * curvature * far * far + pushed / e + weight * (curvature * pushed + bent) * far
     now = STICKS
     hold = wp.vec3d()
     if mu > zero:
         slip = gone - wp.dot(n, gone) * n
         before = grip - wp.dot(n, grip) * n
-        hold = before - e * slip
+        hold = before - e_t * slip
         if status == SLIDES:
             moved = du - wp.dot(n, du) * n
-            along = before - e * (slip - moved)
+            along = before - e_t * (slip - moved)
             if wp.dot(slip, along) > zero:
                 # It would slide the way it is pushed: it sticks, and friction begins with what this step had.
                 size = wp.length(along)
                 t = along / size
-                hold = (mu * push) * (t - (e / size) * (moved - wp.dot(t, moved) * t))
+                hold = (mu * push) * (t - (e_t / size) * (moved - wp.dot(t, moved) * t))
                 held = wp.length(hold)
                 if held > mu * push:
                     left = left + weight * (held - mu * push)
                     hold = hold * (mu * push / held)
                 left = left + wp.length(slip)
-                return STICKS, push, hold, left / (tolerance + relative * (scale + weight * push))
+                return STICKS, push, hold, left / tolerated
         held = wp.length(hold)
         if held > mu * push:
             now = SLIDES
             hold = hold * (mu * push / held)
             if status == STICKS:
                 left = left + weight * (held - mu * push)
-        left = left + wp.length(hold - grip) / e
+        elif status == SLIDES:
+            left = left + weight * (mu * push - held)
+        # What changed, and what lies in the tangent plane of before.
+        left = left + wp.length(hold - grip) / e_t + weight * curvature * wp.length(hold) * far
         if now == SLIDES:
-            turn = wp.min(e * far / held, wp.float64(1.0))
+            turn = wp.min(e_t * far / held, wp.float64(1.0))
             left = left + weight * mu * turn * (push * turn + pushed)
             if lagging:
                 left = left + weight * mu * pushed
-    return now, push, hold, left / (tolerance + relative * (scale + weight * push))
+    return now, push, hold, left / tolerated
 
 
 @kernel

@@ -43,7 +43,7 @@ def failed(
     return SimulationFailed(what, where=where, remedy=remedy)
 
 
-def failed_copies(when: str, now: Snapshot, failures: Mapping[int, Failure]) -> dict[int, str]:
+def failed_copies(when: str, now: Snapshot, failures: Mapping[int, Failure], missed: np.ndarray) -> dict[int, str]:
     """One sentence about each copy that has failed, as if it were alone; its particles are numbered from 0."""
 
     def part(values: np.ndarray, k: int) -> np.ndarray:
@@ -54,7 +54,7 @@ def failed_copies(when: str, now: Snapshot, failures: Mapping[int, Failure]) -> 
         x, v, w, target = (part(values, k) for values in (now.x, now.v, now.w, now.point_target))
         return Snapshot(copy_of(now.model, k), now.settings, x, v, w, target)
 
-    return {k: str(failed(when, alone(k), failure)) for k, failure in failures.items()}
+    return {k: str(failed(when, alone(k), failure, missed=part(missed, k))) for k, failure in failures.items()}
 
 
 def _remedy(now: Snapshot, kind: str) -> str:

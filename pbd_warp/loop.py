@@ -155,20 +155,18 @@ class Loop:
         if contacts:
             self.context.diverged[4:].zero_()
             return "contacts", contacts
+        missed = self.unconverged if self._newton else None
         if isinstance(self.monitor, CopyMonitor):
-            return ("copies", 0) if self.monitor.found_any(seen) else self._find_unconverged()
+            return ("copies", 0) if missed or self.monitor.found_any(seen) else None
         for kind, number in ("particle", particle), ("piece", piece), ("stretch", edge), ("energy", energy):
             if number != NOTHING:
                 return kind, number
-        return self._find_unconverged()
-
-    def _find_unconverged(self) -> Failure | None:
-        return ("newton", self.unconverged) if self._newton and self.unconverged else None
+        return ("newton", missed) if missed else None
 
     def find_failed_copies(self) -> dict[int, Failure]:
         """What is wrong with each copy that has failed in the frame just made, which is then forgotten."""
         assert isinstance(self.monitor, CopyMonitor)
-        return self.monitor.find()
+        return self.monitor.find(self.solver if self._newton else None)
 
     def lay_to_rest(self, copies: list[int]) -> None:
         """These copies take no more part."""

@@ -21,6 +21,7 @@ import numpy as np
 import warp as wp
 
 from pbd_warp import check
+from pbd_warp.cores import cores, own_cores
 from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.quiet import start_warp
 from pbd_warp.version import __version__
@@ -83,11 +84,13 @@ class DaskPool:
     Args:
         client: A distributed.Client.
         allowed_failures: Deaths of workers after which its scheduler gives a task up.
+        refill: Called where workers are missing: Dask gives up those that take long to come back.
     """
 
-    def __init__(self, client: Any, allowed_failures: int):
+    def __init__(self, client: Any, allowed_failures: int, refill: Callable[[], object] = lambda: None):
         self._client = client
         self._deaths_each = allowed_failures + 1
+        self._refill = refill
         self.dashboard: str = client.dashboard_link if _has_bokeh() else ""
 
     def run(
@@ -100,12 +103,15 @@ class DaskPool:
         deaths: Counter[int] = Counter()
         pending: dict[Any, list[int]] = {}
         done: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        size, seconds_each, room, counted = 1, 0.0, 0, -np.inf
+        size, seconds_each, room, counted, trial = 1, 0.0, 0, -np.inf, False
         try:
             while todo or alone or pending:
                 if time.monotonic() - counted > 2.0:  # clusters grow and shrink
                     room, counted = 2 * max(1, sum(self._client.nthreads().values())), time.monotonic()
-                while (todo or alone) and len(pending) < room:
+                    self._refill()
+                # Who is suspected runs with nothing before, beside or behind it: it alone is blamed then.
+                while (todo or alone) and len(pending) < (1 if alone or trial else room):
+                    trial = bool(alone)
                     share = max(1, len(todo) // room)
                     count = min(size, share, len(todo))
                     batch = [alone.popleft()] if alone else [todo.popleft() for _ in range(count)]
@@ -117,7 +123,7 @@ class DaskPool:
                     future = done.get(timeout=0.2)
                 except queue.Empty:
                     continue
-                batch = pending.pop(future)
+                batch, trial = pending.pop(future), False
                 results, seconds = self._result(future)
                 if results is not None:
                     yield from zip(batch, results, strict=True)
@@ -143,6 +149,10 @@ class DaskPool:
             return results, seconds
         except KilledWorker:
             return None, 0.0
+        except ModuleNotFoundError as error:
+            raise InputError(
+                f"the workers cannot import {error.name}, which the work needs: install it there"
+            ) from None
         except Exception as error:
             if type(error).__name__ in ("CancelledError", "FutureCancelledError", "CommClosedError"):
                 raise SimulationFailed("the Dask scheduler was lost; what is done is kept") from None
@@ -183,8 +193,8 @@ def open_pool(workers: int | None = None, scheduler: str | None = None) -> Itera
             ) as cluster,
             distributed.Client(cluster) as client,
         ):
-            client.register_plugin(_at_start())
-            yield DaskPool(client, 0)
+            client.register_plugin(_at_start(own_cores() if count <= cores() else None))
+            yield DaskPool(client, 0, lambda: cluster.scale(count))
         return
     try:
         client = distributed.Client(scheduler, timeout=PATIENCE / 3.0)
@@ -210,25 +220,6 @@ def open_some(workers: int | None = None, scheduler: str | None = None) -> Itera
         return
     with open_pool(workers, scheduler) as pool:
         yield pool
-
-
-@contextmanager
-def alone_on_a_core() -> Iterator[None]:
-    """Keeps this thread on one core, so that what it times is not moved about."""
-    if not hasattr(os, "sched_setaffinity"):
-        yield
-        return
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {max(before)})
-    try:
-        yield
-    finally:
-        os.sched_setaffinity(0, before)
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def versions() -> dict[str, str]:
@@ -270,8 +261,12 @@ def _function(code: bytes) -> Any:
     return pickle.loads(code)
 
 
-def _at_start() -> Any:
-    """What every worker does first."""
+def _at_start(kept_on: list[int] | None) -> Any:
+    """What every worker does first.
+
+    Args:
+        kept_on: Keep each on one of these, so that the times of runs are of a core that no other worker uses.
+    """
     from distributed import WorkerPlugin
 
     class AtStart(WorkerPlugin):
@@ -280,6 +275,8 @@ def _at_start() -> Any:
         def setup(self, worker: Any) -> None:
             # Ctrl-C in a terminal reaches all its processes, and only the first of them has to do with it.
             signal.signal(signal.SIGINT, signal.SIG_IGN)
+            if kept_on:
+                os.sched_setaffinity(0, {kept_on[worker.name]})
             start_warp([])
 
     return AtStart()

@@ -18,7 +18,9 @@ def ropes_across(friction, fixed=True, dtype="float64", **kwargs):
     t = np.linspace(-1.0, 1.0, 21)
     held = (0, 20) if fixed else ()
     low = builder.add_rope(np.c_[0.49 * t, 0.05 * t * t, 0 * t], mass=1.0, pinned=held, radius=RADIUS)
-    high = builder.add_rope(np.c_[0 * t + 0.003, 0 * t + 0.015, 0.5 * t], mass=0.5, pinned=(), radius=RADIUS)
+    high = builder.add_rope(
+        np.c_[0.003 + 0.02 * t * t, 0.015 + 0.02 * t * t, 0.49 * t], mass=0.5, pinned=(), radius=RADIUS
+    )
     builder.enable_contacts(friction=friction)
     return builder.finalize(dtype=dtype), low, high
 
@@ -116,7 +118,7 @@ def test_two_free_ropes_keep_the_momentum_of_both(dtype):
 def test_a_stack_carries_its_weight(mass, dtype):
     """Contact k carries all that lies above it, and nothing moves."""
     n, r = 8, 0.1
-    masses = {"equal": np.ones(n), "light below": np.geomspace(1, 100, n), "heavy below": np.geomspace(100, 1, n)}[mass]
+    masses = {"equal": np.ones(n), "light below": np.geomspace(1, 1e6, n), "heavy below": np.geomspace(1e6, 1, n)}[mass]
     builder = pbd.ModelBuilder()
     builder.add_particles(np.c_[np.zeros(n), r * (2 * np.arange(n) + 1), np.zeros(n)], mass=masses, radius=r)
     builder.add_plane((0, 0, 0), (0, 1, 0), friction=0.5)
@@ -128,12 +130,14 @@ def test_a_stack_carries_its_weight(mass, dtype):
     above = G * np.cumsum(masses[::-1])[::-1]
     rounding = EPS[dtype] * model.x.max()  # of a position: it is taken back within a step h
     h = sim.dt / sim.substeps
-    lifted = rounding / h**2 * masses.sum()
-    np.testing.assert_allclose(force[:, 1], -above[1:], rtol=1e-7, atol=lifted)
-    np.testing.assert_allclose(sim.forces.contact[:, 1], G * masses, rtol=1e-7, atol=2 * lifted)
+    lifted = n * rounding / h**2 * masses.sum()  # if each contact is off by as much
+    # A gap is tolerated over what its force would move the lighter side, which the heavier one takes for a push.
+    rtol = 2e-12 * masses.max() / masses.min() + 1e-7
+    np.testing.assert_allclose(force[:, 1], -above[1:], rtol=rtol, atol=lifted)
+    np.testing.assert_allclose(sim.forces.contact[:, 1], G * masses, rtol=rtol, atol=2 * lifted)
     x, v = state(sim)
-    np.testing.assert_allclose(x, model.x, atol=max(1e-11, 4 * rounding))
-    assert np.abs(v).max() < max(1e-9, 2 * rounding / h)
+    np.testing.assert_allclose(x, model.x, atol=max(1e-11, 10 * rounding))
+    assert np.abs(v).max() < max(1e-9, n * rounding / h, rtol * G * h)
 
 
 @both_precisions

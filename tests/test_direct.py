@@ -251,7 +251,8 @@ def test_a_direct_rope_falls_on_a_plane():
     builder.add_rope(np.linspace([0.0, 0.5, 0], [0.8, 0.9, 0], 21), pinned=(), radius=radius)
     builder.add_plane((0, 0, 0), (0, 1, 0), friction=0.3)
     model = builder.finalize(dtype="float64")
-    sim = run(model, 60, substeps=4, method=pbd.Direct())
+    # Pushed together as it hits, a rope that is straight may take more than the iterations there are.
+    sim = run(model, 60, substeps=4, method=pbd.Direct(), on_failure="subdivide")
     x, v = state(sim)
     assert np.isfinite(v).all()
     assert x[:, 1].max() < 0.5, "it has not fallen"

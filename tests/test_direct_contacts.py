@@ -6,8 +6,7 @@ from models import state
 from solving import EPS, converged, run
 
 import pbd_warp as pbd
-from pbd_warp.kernels.newton import SLACK
-from pbd_warp.step.methods.direct import ACCEPTED
+from pbd_warp.step.methods.direct import ACCEPTED_CONTACT
 
 both_precisions = pytest.mark.parametrize("dtype", EPS)
 
@@ -48,8 +47,8 @@ def test_every_step_obeys_momentum_signorini_and_coulomb(friction):
         pull = d / length[:, None] * sim._loop.solver.tension()[:, None]
         np.add.at(momentum, edge[:, 0], pull)
         np.add.at(momentum, edge[:, 1], -pull)
-        # What ends above the tolerance is converged up to `accepted`, of a link's length and of what forces move.
-        accepted = SLACK * ACCEPTED["float64"]
+        # What counts as converged, of a link's length and of what forces move.
+        accepted = ACCEPTED_CONTACT["float64"]
         size = rest.mean() / (model.w.max() * h * h) + np.abs(pull).max()
         assert np.abs(momentum).max() < accepted * size
         balanced.append(np.abs(momentum).max() / size)
@@ -110,9 +109,10 @@ def capstan(friction, load, dtype, links=120, masses=0.01):
 
 
 @both_precisions
-@pytest.mark.parametrize("friction", [0.1, 0.3, 0.8])
-def test_a_rope_over_a_ball_holds_below_the_limit_of_the_capstan(friction, dtype):
-    model, limit = capstan(friction, 0.97, dtype)
+@pytest.mark.parametrize(("friction", "masses"), [(0.1, 0.01), (0.3, 0.01), (0.8, 0.01), (0.3, 1e-5)])
+def test_a_rope_over_a_ball_holds_below_the_limit_of_the_capstan(friction, masses, dtype):
+    """The lightest particles weigh 1e-7 of the loads."""
+    model, limit = capstan(friction, 0.97, dtype, masses=masses)
     assert limit == pytest.approx(np.exp(friction * np.pi), rel=1e-2)
     sim = run(model, 40, converged, substeps=4, method=pbd.Direct())
     before = state(sim)[0][-1, 1]
@@ -125,9 +125,9 @@ def test_a_rope_over_a_ball_holds_below_the_limit_of_the_capstan(friction, dtype
 
 
 @both_precisions
-@pytest.mark.parametrize("friction", [0.1, 0.3, 0.8])
-def test_it_slides_above(friction, dtype):
-    sim = run(capstan(friction, 1.03, dtype)[0], 30, converged, substeps=4, method=pbd.Direct())
+@pytest.mark.parametrize(("friction", "masses"), [(0.1, 0.01), (0.3, 0.01), (0.8, 0.01), (0.3, 1e-5)])
+def test_it_slides_above(friction, masses, dtype):
+    sim = run(capstan(friction, 1.03, dtype, masses=masses)[0], 30, converged, substeps=4, method=pbd.Direct())
     assert state(sim)[1][-1, 1] < -0.02
 
 
@@ -156,15 +156,12 @@ def test_a_net_comes_to_lie_on_a_ball(friction, dtype):
     builder.add_sphere((0, 0, 0.01), BALL, friction=friction)
     worst = []
 
-    unconverged = []
-
     def check(sim):
+        converged(sim)
         now = pbd.measure(sim)
         worst.append((now.overlap, now.max_stretch))
-        unconverged.append(sim.unconverged)
 
-    run(builder.finalize(dtype=dtype), 25, check, substeps=4, method=pbd.Direct(), on_failure="continue")
-    assert sum(unconverged) <= 1, "of 100 steps"
+    run(builder.finalize(dtype=dtype), 25, check, substeps=4, method=pbd.Direct())
     overlap, stretch = np.max(worst, axis=0)
     assert overlap < {"float64": 1e-7, "float32": 1e-6}[dtype]
     assert stretch < {"float64": 1e-7, "float32": 1e-5}[dtype]

@@ -318,6 +318,8 @@ def refused(what):
         builder.enable_contacts()
     if what == "colliders":
         builder.add_plane((0, -1, 0), (0, 1, 0))
+    if what == "bending":
+        builder.add_bending(0, 1, 2, 1e-3)
     if what == "points with compliance":
         builder.add_point(0, (0, 0, 0), compliance=1e-3)
     if what == "one point constraint":
@@ -327,7 +329,7 @@ def refused(what):
 
 
 @pytest.mark.parametrize(
-    "what", ["contacts", "colliders", "stiffness below 1", "points with compliance", "one point constraint"]
+    "what", ["bending", "contacts", "colliders", "stiffness below 1", "points with compliance", "one point constraint"]
 )
 def test_what_it_cannot_do_is_refused(what):
     with pytest.raises(InputError, match=what):

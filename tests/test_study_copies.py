@@ -7,6 +7,7 @@ import pbd_warp as pbd
 from pbd_warp.measure import measure_copies
 from pbd_warp.model.copies import join
 from pbd_warp.step.constraints import contact
+from pbd_warp.step.integrators import INTEGRATORS
 
 LINKS = 5
 METHODS = [pbd.Jacobi(5), pbd.GaussSeidel(5), pbd.Direct()]
@@ -44,6 +45,22 @@ def test_a_copy_moves_as_it_would_alone_to_the_last_bit(method, dtype):
         for name, value in vars(measure_copies(alone)).items():
             assert np.array_equal(value[0], getattr(measured, name)[k]), name
     assert len(np.unique(x, axis=0)) == 3
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("integrator", [name for name in INTEGRATORS if name != "pbd"])
+def test_with_every_integrator_too(method, integrator):
+    def falling(tilt):
+        builder = pbd.ModelBuilder()
+        s = np.linspace(0.0, 1.0, LINKS + 1)
+        builder.add_rope(np.stack([s * np.cos(tilt), s * np.sin(tilt), 0 * s], axis=1))
+        return builder.finalize()
+
+    models = [falling(tilt) for tilt in (0.0, 0.4)]
+    settings = {"method": method, "integrator": integrator, "substeps": 2}
+    together = run(join(models), **settings).state.x.numpy().reshape(2, LINKS + 1, 3)
+    for x, model in zip(together, models, strict=True):
+        assert np.array_equal(x, run(model, **settings).state.x.numpy())
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -133,6 +150,23 @@ def test_a_copy_that_diverges_is_marked_and_stops_no_other(method):
     assert np.isfinite(measure_copies(sim).energy).all()
     sim.step()
     assert list(sim.failures) == [1]
+
+
+def test_a_copy_that_does_not_converge_is_marked_and_stops_no_other():
+    builder = pbd.ModelBuilder()
+    builder.add_rope(np.linspace([0.0, 0, 0], [1.0, 0, 0], LINKS + 1))
+    fast = np.zeros((3, LINKS + 1, 3))
+    fast[1, -1] = 0, 100, 0
+    settings = {"method": pbd.Direct(iterations=6), "frames": 5}
+    sim = run(builder.replicate(3, velocity=fast).finalize(), **settings)
+    assert list(sim.failures) == [1]
+    with pytest.raises(pbd.SimulationFailed, match="Newton's method did not converge in 1 solution ") as failed:
+        run(builder.replicate(1, velocity=fast[1:2]).finalize(), **settings)
+    assert str(failed.value) == sim.failures[1]
+    alone = run(builder.finalize(), **settings).state.x.numpy()
+    assert np.array_equal(sim.state.x.numpy().reshape(3, -1, 3)[[0, 2]], [alone, alone])
+    settings["on_failure"] = "continue"
+    assert run(builder.replicate(3, velocity=fast).finalize(), **settings).failures == {}
 
 
 def test_limits_hold_for_each_copy(tmp_path):

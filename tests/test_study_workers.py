@@ -14,6 +14,7 @@ import pbd_warp as pbd
 from pbd_warp import workers
 from pbd_warp.accuracy.sweep import Sweep, sweep_scene
 from pbd_warp.cli import main
+from pbd_warp.cores import cores
 from pbd_warp.stability.atlas import measure_map
 from pbd_warp.stability.maps import MAPS
 from pbd_warp.study.store import load
@@ -111,9 +112,9 @@ def test_what_kills_its_worker_three_times_is_given_up_and_nothing_else(cluster)
     assert found == {k: Lost(3) if k == 3 else 10 * k for k in range(8)}
 
 
-def test_a_row_that_kills_is_a_lost_row(own, cluster):
+def test_a_row_that_kills_is_a_failed_row(own, cluster):
     rows = pbd.study(own, {"kill": [False, True]}, scheduler=address(cluster))
-    assert rows["outcome"].to_list() == ["finished", "lost"]
+    assert rows["outcome"].to_list() == ["finished", "failed"]
     assert rows["sentence"][1] == "it has killed its worker 3 times"
 
 
@@ -130,6 +131,23 @@ def test_a_worker_that_is_killed_is_replaced_and_its_rows_run_again(cluster):
             killed.append(pid)
     assert len(set(killed)) == 2
     assert found == {k: k for k in range(40)}
+
+
+def test_a_worker_that_takes_long_to_come_back_is_replaced_too():
+    """Dask gives it up for good after a while, here at once."""
+    import dask
+
+    with open_pool(1) as pool, dask.config.set({"distributed.deploy.lost-worker-timeout": "1 ms"}):
+        assert results(pool, kills_at_three, [3, 4]) == {0: Lost(3), 1: 40}
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="processes are not kept on cores here")
+def test_each_worker_has_a_core_to_itself(cluster):
+    if cores() < 2:
+        pytest.skip("one core")
+    found = results(cluster, lambda items: time.sleep(0.1) or [os.sched_getaffinity(0)] * len(items), list(range(8)))
+    assert all(len(own) == 1 for own in found.values())
+    assert len(set().union(*found.values())) == 2
 
 
 def test_an_error_in_the_work_is_raised_here(cluster):
@@ -231,6 +249,13 @@ def test_command(own, cluster, call):
         code, _, err = call("study", "plot", "s.parquet", "--x", "mass", *args)
         assert code == 2
         assert all(part in err for part in message.split(".*")), err
+
+
+def test_command_tells_what_the_first_row_that_is_not_finished_says(own, cluster, call):
+    args = ["--set", "mass=1,-1,-2", "--scheduler", address(cluster), "--out", "s.parquet"]
+    code, out, err = call("study", own, *args)
+    assert (code, out) == (0, "3 rows (1 finished, 2 refused): s.parquet\n")
+    assert "row 1, the first that is not finished: scene own.py: mass" in err
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ import warp as wp
 
 from pbd_warp import check
 from pbd_warp.accuracy.chart import NO_METHOD, Chart, Row
+from pbd_warp.cores import alone_on_a_core
 from pbd_warp.errors import InputError, SimulationFailed, unknown
 from pbd_warp.grab.controller import play
 from pbd_warp.grab.drag import Drag
@@ -28,7 +29,7 @@ from pbd_warp.step.divergence import STRETCHED, Limits
 from pbd_warp.step.integrators import ESTIMATING, EXPLICIT, INTEGRATORS
 from pbd_warp.step.methods import METHODS, Direct, Jacobi
 from pbd_warp.version import __version__
-from pbd_warp.workers import Lost, Pool, ThisProcess, alone_on_a_core
+from pbd_warp.workers import Lost, Pool, ThisProcess
 
 SECONDS = 1.0
 """What is simulated. Chains are chaotic later: then errors say nothing about the method."""

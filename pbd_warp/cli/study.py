@@ -10,7 +10,7 @@ from typer.core import TyperGroup
 
 from pbd_warp.cli.app import app
 from pbd_warp.cli.options import Debug, Device, Dtype, Scheduler, Workers, comma_list, takes_settings
-from pbd_warp.cli.terminal import interruptible, one_sentence, tell
+from pbd_warp.cli.terminal import interruptible, one_sentence, tell, warn
 from pbd_warp.errors import InputError
 from pbd_warp.progress import progress_bar
 from pbd_warp.scene import scene_module
@@ -98,6 +98,8 @@ def run(
         outcomes = [row["outcome"] for row in rows.values()]
         counts = ", ".join(f"{outcomes.count(name)} {name}" for name in dict.fromkeys(sorted(outcomes)))
         tell(f"{len(rows)} rows ({counts}): {out}")
+        if bad := [number for number in sorted(rows) if rows[number]["outcome"] != "finished"]:
+            warn(f"row {bad[0]}, the first that is not finished: {rows[bad[0]]['sentence']}")
 
 
 @studies.command("plot")

@@ -9,6 +9,7 @@ from pbd_warp.kernels.copies import check_copies
 from pbd_warp.kernels.divergence import CONTACTS
 from pbd_warp.step.context import NOTHING, Context
 from pbd_warp.step.divergence import Limits, energy_of
+from pbd_warp.step.methods.direct import DirectSolver
 
 
 class CopyMonitor:
@@ -51,16 +52,24 @@ class CopyMonitor:
         """Whether there is anything to `find`."""
         return bool((diverged[:CONTACTS] != NOTHING).any())
 
-    def find(self) -> dict[int, tuple[str, int]]:
-        """What is wrong with each copy that has diverged in the frame, in its own particles and edges; then all is
-        forgotten."""
+    def find(self, solver: DirectSolver | None) -> dict[int, tuple[str, int]]:
+        """What is wrong with each copy that has failed in the frame, in its own particles and edges; then all is
+        forgotten. solver: Its solutions have to converge; copies in which one has not are told from then on."""
         found = self.found.numpy().copy()
         self.restart()
         first = np.argmax(found != NOTHING, axis=1)
         kinds = ("particle", "stretch", "energy")
-        return {
-            int(k): (kinds[first[k]], int(found[k, first[k]])) for k in np.flatnonzero((found != NOTHING).any(axis=1))
+        diverged = np.flatnonzero((found != NOTHING).any(axis=1))
+        missed = self._missed(solver) if solver else np.zeros(0, int)
+        return {int(k): ("newton", int(missed[k])) for k in np.flatnonzero(missed)} | {
+            int(k): (kinds[first[k]], int(found[k, first[k]])) for k in diverged
         }
+
+    def _missed(self, solver: DirectSolver) -> np.ndarray:
+        """How many solutions of each copy have not converged so far, int [copy_count]."""
+        model, s = self._context.model, solver.schedule
+        one_a_piece = s.particle[s.piece_first[:-1]]
+        return np.bincount(one_a_piece // model.copy_size, solver.missed()[one_a_piece], model.copy_count).astype(int)
 
     def lay_to_rest(self, copies: list[int]) -> None:
         """Put these copies back to where they began, fixed: they take no more part, and stay finite."""

@@ -43,8 +43,6 @@ def _reaction(sim: Simulation, scenes: Sequence[Scene]) -> np.ndarray:
 
 def _position_error(sim: Simulation, scenes: Sequence[Scene]) -> np.ndarray:
     x = _each(sim, sim.state.x.numpy().astype(np.float64))
-    if any(scene.reference is None for scene in scenes):
-        raise InputError(f"scene {scenes[0].name} has no reference, so there is no position_error")
     exact = np.stack([scene.reference(sim.time) for scene in scenes if scene.reference])
     return np.sqrt(np.mean(np.sum((x - exact) ** 2, axis=2), axis=1))
 
@@ -82,6 +80,17 @@ def check_measures(measures: Iterable[str | Own]) -> list[str | Own]:
     if not checked:
         raise InputError(f"nothing is measured: there is {', '.join(known)}")
     return checked
+
+
+def check_possible(measures: Iterable[str | Own], scene: Scene) -> None:
+    """Raise an InputError where a scene, with its settings, has nothing of what is to be measured."""
+    bases = [measure.partition(".")[0] for measure in measures if isinstance(measure, str)]
+    method = scene.settings.method
+    for name in ARRAYS:
+        if name in bases and not method.keeps_forces:
+            raise InputError(f"{name} is known with method 'direct', not with {method}")
+    if "position_error" in bases and scene.reference is None:
+        raise InputError(f"scene {scene.name} has no reference, so there is no position_error")
 
 
 def by_name(measures: Iterable[str | Own]) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pbd_warp.errors import InputError, SimulationFailed
+from pbd_warp.errors import InputError, PbdError
 from pbd_warp.grab.controller import play
 from pbd_warp.grab.drag import Drag
 from pbd_warp.model.copies import graph_of, join
@@ -18,16 +18,9 @@ from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
 from pbd_warp.step.integrators import EXPLICIT
 from pbd_warp.study.grid import SETTINGS, Grid
-from pbd_warp.study.measures import Own, by_name, take
+from pbd_warp.study.measures import Own, by_name, check_possible, take
 
 Row = dict[str, Any]
-
-OUTCOMES = {
-    "finished": "all frames were made",
-    "failed": "the run could not go on; `sentence` says why",
-    "refused": "the settings are refused before the run, or a measure after it; `sentence` says why",
-    "lost": "the process that ran it died, again and again",
-}
 
 TOGETHER_PARTICLES = 2_000_000
 """As many are simulated in one at most: the rest of what a batch holds waits."""
@@ -66,15 +59,20 @@ class Runs:
         return [name for name in self.grid.axes if name in SETTINGS and name not in own]
 
     def __call__(self, rows: list[int]) -> list[Row]:
-        """Make rows. Which ones are made together changes none of them."""
+        """Make rows. Which ones are made together changes none of them.
+
+        The `outcome` of a row is "finished"; "failed", where the run could not go on (or has killed its process); or
+        "refused", its settings before the run, or what is to be measured. `sentence` says why.
+        """
         made: dict[int, Row] = {}
         together: dict[Any, list[tuple[int, Scene, Model]]] = {}
         for row in rows:
             try:
                 scene = self.scene(row)
+                check_possible(self.measures, scene)
                 model = scene.builder.finalize(self.device, self.dtype)
-            except InputError as error:
-                made[row] = _failed("refused", error)
+            except Exception as error:  # whatever it is, it is this row's, and no other's
+                made[row] = _failed(*_told(error))
                 continue
             key: Any = row
             if by_name(self.measures) and _stands_copies(scene, model):
@@ -105,27 +103,24 @@ class Runs:
         first, n = scenes[0], len(scenes)
         base: list[Row] = [_settings(scene.settings) | {"frames": scene.frames} for scene in scenes]
         started, error = time.perf_counter(), None
+        sim: Simulation | None = None
         try:
             sim = Simulation(model, first.settings)
             started = time.perf_counter()
             for now in play(sim, Drag(first.drag), first.frames - 1):
                 sim = now
-                if n > 1 and sim.unconverged:
-                    return None
-        except InputError as refused:
-            return None if n > 1 else [base[0] | _failed("refused", refused)]
-        except SimulationFailed as failed:
-            if n > 1 and len(sim.failures) < n:
-                return None
+        except Exception as failed:
             error = failed
+        if sim is None or (n > 1 and error and len(sim.failures) < n):
+            return None if n > 1 else [base[0] | _failed(*_told(error))]
         wall = (time.perf_counter() - started) / n
         where = {"wall_s": wall, "together": n, "machine": platform.node(), "device": str(model.device)}
         if n == 1 and error is not None:
-            return [base[0] | _failed("failed", error) | where]
+            return [base[0] | _failed(*_told(error)) | where]
         try:
             measured = take(sim, scenes, self.measures)
-        except InputError as refused:
-            return None if n > 1 else [base[0] | _failed("refused", refused) | where]
+        except Exception as failed:
+            return None if n > 1 else [base[0] | _failed(*_told(failed)) | where]
         done = {"outcome": "finished", "sentence": ""}
         return [
             base[k] | (_failed("failed", sim.failures[k]) if k in sim.failures else done | measured[k]) | where
@@ -135,11 +130,18 @@ class Runs:
 
 def lost(runs: Runs, row: int, deaths: int) -> Row:
     """The row of a run that its workers did not survive."""
-    return {"row": row, **runs.grid[row], **_failed("lost", f"it has killed its worker {deaths} times")}
+    return {"row": row, **runs.grid[row], **_failed("failed", f"it has killed its worker {deaths} times")}
 
 
 def _failed(outcome: str, why: object) -> Row:
     return {"outcome": outcome, "sentence": str(why)}
+
+
+def _told(error: Exception | None) -> tuple[str, str]:
+    """The outcome and the sentence of what went wrong."""
+    if isinstance(error, PbdError):
+        return "refused" if isinstance(error, InputError) else "failed", str(error)
+    return "failed", f"{type(error).__name__}: {str(error) or 'no more is known'}"
 
 
 def _settings(settings: Settings) -> Row:

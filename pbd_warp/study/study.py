@@ -14,7 +14,7 @@ from pbd_warp.errors import InputError, Interrupted, unknown
 from pbd_warp.model.builder import DTYPES
 from pbd_warp.scene import Scene, scene_function
 from pbd_warp.study.grid import MOST_ROWS, make_grid
-from pbd_warp.study.measures import Own, check_measures
+from pbd_warp.study.measures import Own, check_measures, check_possible
 from pbd_warp.study.rows import Runs, lost
 from pbd_warp.study.store import Store, check_libraries, columns
 from pbd_warp.workers import Lost, Pool, open_pool, versions
@@ -88,8 +88,8 @@ def make_runs(
     if frames is not None:
         check.whole("frames", frames, low=1)
     runs = Runs(name, build, axes, tuple(check_measures(measures)), dict(settings), frames, dtype, device)
-    if len(axes) == 1:
-        runs.scene(0)  # of a single row what is refused is refused at once
+    if len(axes) == 1:  # of a single row what is refused is refused at once
+        check_possible(runs.measures, runs.scene(0))
     return runs
 
 

@@ -39,7 +39,7 @@ class Explicit:
             all are `context.dt` long.
 
     Raises:
-        InputError: points with compliance, distances of no length, two points at one particle.
+        InputError: bending, points with compliance, distances of no length, two points at one particle.
 
     Fails when: nothing satisfies the lengths, or the motion of a piece is too violent for its steps.
     """
@@ -147,6 +147,8 @@ def refuse(integrator: str, model: Model) -> None:
     """Raises an InputError for what explicit methods have no equations for."""
     name = f"integrator {integrator!r}"
     distance, point = model.distance, model.point
+    if len(model.bending):
+        raise InputError(f"{name} does not model bending: leave it out, or use method 'direct' with another integrator")
     if np.any(point.compliance > 0.0):
         raise InputError(f"{name} does not model points with compliance: hold a particle by a distance with compliance")
     if np.any(distance.rest_length == 0.0):

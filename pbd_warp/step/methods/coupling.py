@@ -27,10 +27,6 @@ ROOM = 1 << 20
 """Responses of particles that contacts touch to each other, 72 bytes each: a piece with n of them takes n^2."""
 
 
-COARSER = 100.0
-"""Tolerances of links that a contact may be off by: sweeps sum forces and displacements many times over."""
-
-
 class ContactSource(Protocol):
     """Whoever finds contacts whose particles move.
 
@@ -101,13 +97,16 @@ class Tolerance:
     iterations: At most.
     length: What may be left [m].
     relative: The same over the lengths that it is the difference of.
-    accepted: Times the tolerance: what counts as converged where iterations end above it.
+    close: Of gap and slip of a contact, over the lengths that they are the difference of.
+    accepted, accepted_contact: Times the tolerance: what counts as converged where iterations end above it.
     """
 
     iterations: int
     length: float
     relative: float
+    close: float
     accepted: float
+    accepted_contact: float
 
 
 class Coupling:
@@ -132,7 +131,7 @@ class Coupling:
             *(("of_tile", tiles, wp.int32), ("to_tile", tiles, wp.int32), ("count", count, wp.int32)),
             *(("coupled", count, wp.int32), ("first", count, wp.int32), ("used", 1, wp.int32)),
             *(("response", room, wp.mat33d), ("column", tiles, wp.mat33d), ("y", tiles, wp.vec3d)),
-            *(("move", tiles, wp.vec3d), ("load", tiles, wp.vec3d)),
+            *(("stiffness", tiles, wp.float64), ("move", tiles, wp.vec3d), ("load", tiles, wp.vec3d)),
         )
         self._ports.piece = context.upload("direct.piece_of_tile", np.repeat(np.arange(count), size), wp.int32)
         self._ports.tile = context.upload("direct.tile", schedule.tile, wp.int32)
@@ -186,7 +185,7 @@ class Coupling:
         context, system, c, p = self._context, self._system, self.contacts, self._system.particles
         launch, going = context.launch, self._going
         parts = system.parts
-        close = (until.length, COARSER * until.relative)
+        close = (until.length, until.close)
         launch(
             begin_pieces,
             self._count,
@@ -197,13 +196,13 @@ class Coupling:
         launch(begin_iterations, 1, self._ports, self._progress, going)
 
         def iterate() -> None:
-            launch(load_pieces, self._capacity, self._ports, c, system.matrix)
+            launch(load_pieces, self._capacity, p, self._ports, c, system.matrix)
             launch(eliminate_pieces, self._count, system.schedule, *parts, self._ports, self._pieces)
             launch(sweep_contacts, 1, system.schedule, self._progress, *close, self._ports, c)
             launch(
                 step_pieces,
                 self._count,
-                *(system.schedule, reach, until.length, until.relative, *parts, self._ports, self._pieces),
+                *(system.schedule, reach, until.length, until.relative, until.close, *parts, self._ports, self._pieces),
             )
             self._follow()
             launch(
@@ -217,7 +216,7 @@ class Coupling:
             end_pieces,
             self._count,
             *(system.schedule, self._ports, self._pieces, self._progress),
-            *(until.accepted, max(until.accepted / COARSER, 1.0)),
+            *(until.accepted, until.accepted_contact),
             *(p, system.links, context.u, counters[0:1], counters[1:2]),
         )
         for source in self._sources:

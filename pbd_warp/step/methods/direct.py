@@ -30,6 +30,13 @@ step computes with, which is float64; in float32 as much as velocities, which ar
 ACCEPTED = {"float32": 1e-6, "float64": 1e-11}
 """What still counts as converged where the iterations end above the tolerance."""
 
+COARSER = 100.0
+"""Tolerances of links that gap, slip and force of a contact may be off by; besides, the rounding of positions."""
+
+ACCEPTED_CONTACT = {"float32": 1e-7, "float64": 1e-9}
+"""What of a contact still counts as converged where the iterations end above that, of its size and what it moves; in
+float32 besides 10 times the rounding of positions."""
+
 PROXIMAL = 1e-9
 """Of what moves both ends of a link: the compliance of a step of the proximal method; less in long pieces, and in such
 of unlike masses, which are softer than a link alone. The smaller it is, the more rounding leaves of the balance."""
@@ -112,7 +119,7 @@ class DirectSolver:
         self._point_compliance = None
         if len(points):
             self._bind_points(points, s)
-        self._touches = Touches(context, contacts) if contacts else None
+        self._touches = Touches(context, contacts, self._particles) if contacts else None
         touching = self._touches.contacts if self._touches else pieces.Touching()
         bends = bind_bends(context, model.bending, s, self._links)
         self._system = System(
@@ -124,9 +131,11 @@ class DirectSolver:
         self._base = context.allocate("direct.base", model.particle_count, context.vec3)
         self._force_scale = context.allocate("direct.force_scale", 1, context.real)
         relative = TOLERANCE[model.dtype]
-        self._until = Tolerance(method.iterations, 0.0, relative, ACCEPTED[model.dtype] / relative)
+        close = COARSER * relative
+        accepted = ACCEPTED[model.dtype] / relative, ACCEPTED_CONTACT[model.dtype] / close
+        self._until = Tolerance(method.iterations, 0.0, relative, close, *accepted)
         if method.tolerance is not None:
-            self._until = Tolerance(method.iterations, method.tolerance, 0.0, 1.0)
+            self._until = Tolerance(method.iterations, method.tolerance, 0.0, 0.0, 1.0, 1.0)
         self.counters = context.allocate("direct.counters", 2, wp.int32)
 
     def _bind_links(self, edges: DistanceSet, s: Schedule) -> None:
@@ -236,7 +245,7 @@ class DirectSolver:
             len(self.schedule.piece_first) - 1,
             *(self._device_schedule, *model),
             *(self._base, stage.compliance_scale, stage.mean_gradient, stage.lam_scale, REACH),
-            *(until.iterations, until.length, until.relative, until.accepted),
+            *(until.iterations, until.length, until.relative, until.close, until.accepted, until.accepted_contact),
             *(coupling.coupled if coupling else None, *self._system.parts),
             *(context.u, self.counters[0:1], self.counters[1:2]),
         )

@@ -10,6 +10,10 @@ from pbd_warp.kernels.touch import forget_contacts, list_contacts, note_contacts
 from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.context import Context, Stage
 
+RUBS = {"float32": 1e-2, "float64": 1e-4}
+"""What friction gives at least in an iteration, over its particle's stiffness. Where ropes stick, rounded positions
+contradict each other, and what is firmer asks for the larger forces."""
+
 
 class Touches:
     """Of one step, from those that line 8 found; the forces of one are the guess for the next.
@@ -18,9 +22,10 @@ class Touches:
         contacts: A list for each particle, which its row of Newton's matrix walks.
     """
 
-    def __init__(self, context: Context, found: ContactConstraints):
+    def __init__(self, context: Context, found: ContactConstraints, particles: pieces.Particles):
         self._context, self._found = context, found
         self.contacts = pieces.Touching()
+        self.contacts.rubs = RUBS[context.model.dtype]
         count, room = context.model.particle_count, found.capacity
         for name, size, dtype in (
             *(("head", count, wp.int32), ("following", room, wp.int32), ("side", room, wp.vec3d)),
@@ -28,6 +33,7 @@ class Touches:
             *(("lam", room, wp.float64), ("grip", room, wp.vec3d), ("status", room, wp.int32)),
         ):
             setattr(self.contacts, name, context.allocate(f"direct.contact_{name}", size, dtype))
+        particles.stiffness = context.allocate("direct.stiffness", len(particles.mass), wp.float64)
         self._flat_or_round = found.colliders.flat_or_round()
         self._memory = context.allocate("direct.contact_memory", count * len(context.model.colliders), wp.vec3d)
         self._round_off = float(np.finfo(context.model.dtype).eps)
