@@ -127,6 +127,18 @@ def begin_bends(piece: wp.int32, bends: Bends, x: wp.array[Any], u: wp.array[Any
 
 
 @wp.func
+def stiffen(piece: wp.int32, p: Particles, bends: Bends):
+    """How firmly bending holds particles that touch something (`find_stiffness` of progress.py)."""
+    for q in range(bends.first[piece], bends.first[piece + 1]):
+        shape = bends.shape[q]
+        across = bends.scale[piece] * shape[0] / (shape[1] * shape[1])
+        for a in range(3):
+            t = bends.tile[q][a]
+            if t >= 0:
+                p.stiffness[t] = p.stiffness[t] + across
+
+
+@wp.func
 def limit_pushes(begin: wp.int32, end: wp.int32, links: Links, bends: Bends, exact: wp.bool):
     """How negative the stiffness of links that push may be: a rod can push, so at first there is no limit."""
     for q in range(begin, end):
