@@ -26,6 +26,7 @@ class Measures:
     max_curvature: Largest of what resists bending, |kb| / l [1/m]; `BendingSet.curvature` has it of every triple.
     momentum [kg m/s], angular_momentum about the origin [kg m^2/s]: of all free particles, shape [3].
     forces: Tensions, reactions and contact forces of the last step; None where the method does not keep them.
+    crossings: How often a link passed through another so far; None where nobody watches (`sim.watch_crossings`).
     """
 
     residual: float
@@ -39,6 +40,7 @@ class Measures:
     momentum: np.ndarray
     angular_momentum: np.ndarray
     forces: Forces | None
+    crossings: int | None
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,7 @@ def measure(sim: Simulation) -> Measures:
             momentum=each.momentum.sum(axis=0),
             angular_momentum=each.angular_momentum.sum(axis=0),
             forces=sim.forces if sim.keeps_forces else None,
+            crossings=len(sim.crossings) if sim.watches_crossings else None,
         )
 
 
