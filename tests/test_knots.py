@@ -49,6 +49,7 @@ def test_an_overhand_knot_is_pulled_tight_and_holds():
     """It takes 0.2 m of the rope for as long as no strand passes through another: then the rope would be straight."""
     scene = pbd.load_scene("knot")
     sim = pbd.Simulation(scene.builder.finalize(), scene.settings)
+    sim.watch_crossings()
     x = sim.positions
     first = np.linalg.norm(x[-1] - x[0])
     deepest = 0.0
@@ -58,4 +59,5 @@ def test_an_overhand_knot_is_pulled_tight_and_holds():
     x = sim.positions
     apart = np.linalg.norm(x[-1] - x[0])
     assert first + 0.5 < apart < LENGTH - 0.15
+    assert sim.crossings == []
     assert deepest < 0.01 * sim.model.radius[0]
