@@ -47,3 +47,8 @@ __all__ = [
     "show",
     "study",
 ]
+
+
+def __dir__() -> list[str]:
+    """What users need; the modules are there all the same."""
+    return __all__

@@ -210,7 +210,7 @@ class Loop:
     def restart(self) -> None:
         """Forget the past: the state has been put somewhere else."""
         self.monitor.restart()
-        for part in (self.integrator, self.solver, self.explicit):
+        for part in (self.integrator, self.solver, self.explicit, self.contacts):
             if part:
                 part.restart()
 

@@ -47,11 +47,26 @@ class Readings:
         return contacts.pair.numpy()[: int(contacts.count.numpy()[0])]
 
     @property
+    def link_pairs(self) -> np.ndarray:
+        """Of the last step with link contacts, int [contact_count, 2]: two links, or a link and -1 - its collider. A
+        link is a distance, or, counted on, a particle with a radius that no distance has."""
+        contacts = self._loop.contacts
+        if not contacts or not contacts.links:
+            return np.zeros((0, 2), np.int32)
+        return contacts.links.pair.numpy()[: int(contacts.links.count.numpy()[0])]
+
+    @property
     def collider_places(self) -> tuple[np.ndarray, np.ndarray]:
         """Where colliders are now: their origins [m], float64 [collider_count, 3], and how they are turned, as
         quaternions (x, y, z, w), [collider_count, 4]."""
         c = self.model.colliders
         return self._loop.shapes.places() if self._loop.shapes else (c.centre.copy(), c.rotation.copy())
+
+    @property
+    def collider_motion(self) -> np.ndarray:
+        """Of those that are looked at from frames of their own: origin [m], quaternion, velocity [m/s] and spin [rad/s]
+        of each, [shape_count, 13], in the precision of the simulation; none where none may move."""
+        return self._loop.shapes.motion() if self._loop.shapes else np.zeros((0, 13))
 
     @property
     def collider_overlaps(self) -> tuple[np.ndarray, np.ndarray]:

@@ -37,6 +37,10 @@ class Playable(ABC):
     @abstractmethod
     def tension(self) -> np.ndarray: ...
 
+    @property
+    @abstractmethod
+    def collider_places(self) -> tuple[np.ndarray, np.ndarray]: ...
+
     @abstractmethod
     def step(self) -> None: ...
 
@@ -63,6 +67,7 @@ class Playable(ABC):
             count = check.whole("frames", frames, low=0)
         positions = np.empty((count + 1, self.model.particle_count, 3), np.float32)
         positions[0] = self.state.x.numpy()
+        places = self.collider_places
         tension = np.empty((count + 1, len(self.model.distance)), np.float32) if self.keeps_forces else None
         if tension is not None:
             tension[0] = self.tension
@@ -73,7 +78,8 @@ class Playable(ABC):
                 if tension is not None:
                     tension[done] = self.tension
                 advance(done, count)
-        return Motion.of(self.model, positions, self.settings.fps, f"frames from {self.frame - count}", tension)
+        title = f"frames from {self.frame - count}"
+        return Motion.of(self.model, positions, self.settings.fps, title, tension, places)
 
     def show(self, seconds: float | None = None) -> None:
         """Open the live view on it, as it is now, until Ctrl-C; in Jupyter, a player of the next five seconds below the

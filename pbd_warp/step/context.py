@@ -60,7 +60,8 @@ class Context:
         self.dt = dt
         self.depenetration_speed = depenetration_speed
         self.real, self.vec3 = model.real, PRECISIONS[model.real]["Vec3"]
-        self.mat33, self.quat = PRECISIONS[model.real]["Mat33"], PRECISIONS[model.real]["Quat"]
+        types = PRECISIONS[model.real]
+        self.vec4, self.mat33, self.quat = types["Vec4"], types["Mat33"], types["Quat"]
         self.launch = Launcher(model.device, model.real)
         self.arrays: dict[str, wp.array] = {}
         self.fixed: set[str] = set()
@@ -87,3 +88,8 @@ class Context:
         """A device array of zeros."""
         self.arrays[name] = wp.zeros(shape, dtype=dtype, device=self.model.device)
         return self.arrays[name]
+
+    def put(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Positions [m] and velocities [m/s] as they were."""
+        self.state.x.assign(x)
+        self.state.v.assign(v)
