@@ -21,10 +21,12 @@ class Measures:
     max_stretch: Largest | |x_i - x_j| / rest_length - 1 | of all distances (of rest length above 0).
     stretched: Distances without compliance that are off by more than STRETCHED of their length (step/divergence.py).
     overlap: Deepest overlap of two particles or links in contact, or of a particle and a collider [m].
-    energy: Kinetic, in gravity (0 at the origin's height) and in compliant constraints [J].
-    kinetic: The first of these [J].
+    energy: Kinetic, in gravity (0 at the origin's height), in compliant constraints and in bending [J].
+    kinetic: The first of these [J]. bending: The last [J].
+    max_curvature: Largest of what resists bending, |kb| / l [1/m]; `BendingSet.curvature` has it of every triple.
     momentum [kg m/s], angular_momentum about the origin [kg m^2/s]: of all free particles, shape [3].
     forces: Tensions, reactions and contact forces of the last step; None where the method does not keep them.
+    crossings: How often a link passed through another so far; None where nobody watches (`sim.watch_crossings`).
     """
 
     residual: float
@@ -33,9 +35,12 @@ class Measures:
     overlap: float
     energy: float
     kinetic: float
+    bending: float
+    max_curvature: float
     momentum: np.ndarray
     angular_momentum: np.ndarray
     forces: Forces | None
+    crossings: int | None
 
 
 @dataclass(frozen=True)
@@ -51,23 +56,31 @@ class CopyMeasures:
     overlap: np.ndarray
     energy: np.ndarray
     kinetic: np.ndarray
+    bending: np.ndarray
+    max_curvature: np.ndarray
     momentum: np.ndarray
     angular_momentum: np.ndarray
+
+
+LARGEST = ("residual", "max_stretch", "overlap", "max_curvature")
+"""Of which all copies together have that of the worst."""
 
 
 def measure(sim: Simulation) -> Measures:
     """Measure a simulation as it is now, all copies together; reads the state back from the device."""
     with np.errstate(all="ignore"):
         each = _measure(sim)
-        largest = {name: float(np.max(getattr(each, name))) for name in ("residual", "max_stretch", "overlap")}
+        largest = {name: float(np.max(getattr(each, name))) for name in LARGEST}
         return Measures(
             **largest,
             stretched=int(np.sum(each.stretched)),
             energy=float(np.sum(each.energy)),
             kinetic=float(np.sum(each.kinetic)),
+            bending=float(np.sum(each.bending)),
             momentum=each.momentum.sum(axis=0),
             angular_momentum=each.angular_momentum.sum(axis=0),
             forces=sim.forces if sim.keeps_forces else None,
+            crossings=len(sim.crossings) if sim.watches_crossings else None,
         )
 
 
@@ -104,14 +117,17 @@ def _measure(sim: Simulation) -> CopyMeasures:
     overlap = np.maximum(overlap, largest(np.where(model.w > 0.0, sim.collider_overlaps[0], 0.0)))
     rigid = largest(np.where(edges.compliance == 0.0, c, 0.0))
     rigid_points = largest(np.where(points.compliance == 0.0, c_point, 0.0))
+    bending = total(model.bending.energy(x))
     elastic = total(_elastic(c, edges.compliance)) + total(_elastic(c_point, points.compliance))
     return CopyMeasures(
         residual=np.maximum(np.maximum(rigid, rigid_points), overlap),
         max_stretch=largest(stretch),
         stretched=total(~(np.abs(stretch) <= STRETCHED) & (edges.compliance == 0.0)).astype(np.float64),
         overlap=overlap,
-        energy=kinetic - total(m * np.sum(x * model.gravity, axis=1)) + elastic,
+        energy=kinetic - total(m * np.sum(x * model.gravity, axis=1)) + elastic + bending,
         kinetic=kinetic,
+        bending=bending,
+        max_curvature=largest(model.bending.curvature(x)),
         momentum=total(m[:, None] * v),
         angular_momentum=total(m[:, None] * np.cross(x, v)),
     )

@@ -18,7 +18,7 @@ from pbd_warp.atomic import clear_hidden, through_links
 from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.cost import too_much
 from pbd_warp.errors import InputError, Interrupted, SimulationFailed
-from pbd_warp.figures import Progress, RunStats, provenance
+from pbd_warp.figures import Progress, RunStats, provenance, watch
 from pbd_warp.grab.controller import Controller, play
 from pbd_warp.grab.drag import Drag
 from pbd_warp.grab.recording import Recording, Replay
@@ -143,7 +143,8 @@ def check_keeps_forces(*used: Settings) -> None:
     """Raises an InputError where tensions are not known with one of the settings."""
     for settings in used:
         if not settings.method.keeps_forces:
-            raise InputError(f"tension is known with method 'direct', not with {settings.method.name!r}")
+            what = f"tension is known with method 'direct', not with {settings.method.name!r}"
+            raise InputError(what, remedy="use method='direct'")
 
 
 def tell_cost(model: Model, settings: Settings, hooks: Hooks) -> None:
@@ -210,6 +211,7 @@ def _make_frames(
             raise InputError(
                 f"checkpoint {checkpoints.path} is of frame {progress.frames}, and {scene.frames} were asked for"
             )
+    watch(sim)
     writer = open_writer(progress.frames or None, identity)
     with report_saved_frames(writer), writer:
         motion = play(sim, controller, scene.frames)
@@ -241,6 +243,8 @@ def _make_frames(
         out=str(out),
         unconverged=progress.unconverged,
         stretched_frames=progress.stretched_frames,
+        crossings=progress.crossings,
+        crossed=progress.crossed,
         retried=sim.retried,
         wall_s=time.perf_counter() - began + compile_seconds,
         real_time_factor=(scene.frames - 1) / scene.fps / progress.wall if progress.wall else None,

@@ -44,6 +44,7 @@ class Context:
 
     Attributes:
         dt: Length of a step [s].
+        drag: c of the force -c m v on what is free [1/s].
         depenetration_speed: What is wrong when a step begins is taken back no faster [m/s]; None: at once.
         launch: Launches kernels.
         state: Positions x [m] and velocities v [m/s].
@@ -55,9 +56,10 @@ class Context:
         fixed: Names of those that hold numbers of particles and the like, which never change.
     """
 
-    def __init__(self, model: Model, dt: float, depenetration_speed: float | None = None):
+    def __init__(self, model: Model, dt: float, depenetration_speed: float | None = None, drag: float = 0.0):
         self.model = model
         self.dt = dt
+        self.drag = drag
         self.depenetration_speed = depenetration_speed
         self.real, self.vec3 = model.real, PRECISIONS[model.real]["Vec3"]
         types = PRECISIONS[model.real]
