@@ -103,7 +103,7 @@ def compare_with_c(rounds: int) -> None:
         model, settings = scene.builder.finalize(dtype="float32"), scene.settings
         sims = [pbd.Simulation(model, settings), pbd.Simulation(model, settings), replayed(model, settings)]
         first = sims[0]
-        if name == "worm":  # the hand would lead it
+        if name == "worm":  # the drag would lead it
             v = np.zeros((model.particle_count, 3))
             v[:, 1] = 0.3 * np.sin(np.arange(model.particle_count))
             first.state.v.assign(v)

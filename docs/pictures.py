@@ -49,7 +49,7 @@ def draw(axes, name: str, stage: Usd.Stage, scene: pbd.Scene) -> None:
             line = np.array(curves.GetPointsAttr().Get(time))[:, :2]
             axes.add_collection(LineCollection([line], colors="#3a6fb5", alpha=strength, linewidths=1.3))
     path = np.array([gesture[2] for gesture in scene.drag if gesture[1] == "move"])
-    if name != "rope":  # its hand comes later than what is shown
+    if name != "rope":  # its drag comes later than what is shown
         axes.plot(path[:, 0], path[:, 1], ":", color="0.35", linewidth=0.9)
     if name == "collision":
         axes.add_patch(plt.Rectangle((0, 0), 2.0, 1.4, fill=False, edgecolor="0.3"))

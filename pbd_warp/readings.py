@@ -54,6 +54,12 @@ class Readings:
         return self._loop.shapes.places() if self._loop.shapes else (c.centre.copy(), c.rotation.copy())
 
     @property
+    def collider_motion(self) -> np.ndarray:
+        """Of those that are looked at from frames of their own: origin [m], quaternion, velocity [m/s] and spin [rad/s]
+        of each, [shape_count, 13], in the precision of the simulation; none where none may move."""
+        return self._loop.shapes.motion() if self._loop.shapes else np.zeros((0, 13))
+
+    @property
     def collider_overlaps(self) -> tuple[np.ndarray, np.ndarray]:
         """How deep each particle is in the collider in which it is deepest [m], 0: in none, and its number; float64
         and int [particle_count]."""

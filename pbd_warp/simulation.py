@@ -110,6 +110,12 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self._maker = self._loop
         self._loop.restart()
 
+    def go_back(self, frame: int, x: np.ndarray, v: np.ndarray, collider_motion: np.ndarray) -> None:
+        """To `positions`, `velocities` and `collider_motion` of a frame that was. Go on with `continue_with`."""
+        self.frame = frame
+        self._context.put(x, v)
+        self._moved.put_colliders(collider_motion)
+
     def like(self, settings: Settings | None = None, **changes: Any) -> Simulation:
         """Another simulation of the same model, in its initial state, with other settings."""
         return Simulation(self._given_model, settings or self.settings, **changes)
@@ -222,14 +228,13 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self._moved.move_fixed(self.frame, particles, positions)
 
     def move_collider(self, which: int, position: ArrayLike, rotation: ArrayLike = (0, 0, 0)) -> None:
-        """Where a collider is at the end of the next frame; it gets there evenly over its steps, to round-off, takes
-        along by friction what touches it, and rests there unless it is moved on.
+        """Where a collider is at the end of the next frame; it gets there evenly over its steps, to round-off, and
+        rests there unless it is moved on. What touches it is taken along by friction.
 
         Args:
             which: Its number, of one that `ModelBuilder.let_collider_move` lets move.
             position: Of its origin [m], [3]: a plane's point, a mesh's origin, the middle of everything else.
-            rotation: From how it was added: axis times angle [rad], [3]. It turns the shorter way round, so by less
-                than half a turn a frame.
+            rotation: From how it was added, axis times angle [rad]; by less than half a turn a frame.
         """
         self._moved.move_collider(self.frame, which, position, rotation)
 

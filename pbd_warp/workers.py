@@ -149,6 +149,10 @@ class DaskPool:
             return results, seconds
         except KilledWorker:
             return None, 0.0
+        except ModuleNotFoundError as error:
+            raise InputError(
+                f"the workers cannot import {error.name}, which the work needs: install it there"
+            ) from None
         except Exception as error:
             if type(error).__name__ in ("CancelledError", "FutureCancelledError", "CommClosedError"):
                 raise SimulationFailed("the Dask scheduler was lost; what is done is kept") from None

@@ -1,4 +1,4 @@
-"""Discs in a walled box: some fly about, one is taken by the hand and pushes the others.
+"""Discs in a walled box: some fly about, one is grabbed and pushes the others.
 
 The inequality constraint acts only where discs touch. One should see discs bounce off each other and off the walls,
 the grabbed one plough through the rest, and no two overlap.
@@ -35,9 +35,9 @@ def scene(seed: int = 1) -> pbd.Scene:
         builder.add_plane(point, normal, restitution=0.5)
     builder.enable_contacts(friction=0.1, restitution=0.5)
 
-    hand = discs[len(centre) // 2]
+    grabbed = discs[len(centre) // 2]
     drag = [
-        (1.0, "select", hand),
+        (1.0, "select", grabbed),
         (1.6, "move", (0.5, 1.0, 0)),
         (2.4, "move", (0.4, 0.4, 0)),
         (3.4, "move", (1.6, 0.4, 0)),

@@ -1,8 +1,8 @@
 """A chain whose first particle is locked to the origin, led about by its last.
 
 Point and distance constraints, no gravity. One should see the chain turn about the origin as its end is led once
-around; then the hand goes further than the chain can reach: the chain stretches straight, and is whole again when the
-hand comes back.
+around; then the grabber goes further than the chain can reach: the chain stretches straight, and is whole again when
+the grabber comes back.
 """
 
 import numpy as np

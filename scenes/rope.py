@@ -1,8 +1,8 @@
 """A rope, locked at one end, falls from the horizontal, whips and comes to hang.
 
 Distance and point constraints and gravity. One should see it swing down and whip at its tip, and swing on with ever
-less inner motion; as it turns back at 4.65 s the hand takes the tip, leads it under the pin and lets go, and the rope
-hangs straight and still.
+less inner motion; as it turns back at 4.65 s the grabber takes the tip, leads it under the pin and lets go, and the
+rope hangs straight and still.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
 """A rope is pulled far beyond its length, held, and let go.
 
-Distance constraints that nothing can satisfy, no gravity. One should see all links stretch alike while the hand holds
-the end (the two at the ends half as much: only one of their particles is free), and the rope come back to its length
-without flying apart when the hand lets go.
+Distance constraints that nothing can satisfy, no gravity. One should see all links stretch alike while the grabber
+holds the end (the two at the ends half as much: only one of their particles is free), and the rope come back to its
+length without flying apart when the grabber lets go.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 import pbd_warp as pbd
 
 LENGTH = 1.0  # m
-PULLED, HELD = 0.5, 1.0  # s: from when the hand has arrived, to when it lets go
+PULLED, HELD = 0.5, 1.0  # s: from when the grabber has arrived, to when it lets go
 
 
 def scene(factor: float = 1.5, links: int = 10) -> pbd.Scene:

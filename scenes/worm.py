@@ -1,7 +1,7 @@
 """A worm is led by its head along a figure of eight, and all its particles follow.
 
-Distance constraints, no gravity: nothing pulls the worm but the hand. One should see the head run ahead on its path,
-the body come after it link by link without stretching, and the whole worm drift on when the head is let go.
+Distance constraints, no gravity: nothing pulls the worm but the grabber. One should see the head run ahead on its
+path, the body come after it link by link without stretching, and the whole worm drift on when the head is let go.
 """
 
 import numpy as np

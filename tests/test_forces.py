@@ -73,7 +73,7 @@ def test_a_point_constraint_holds_what_a_fixed_particle_would():
     np.testing.assert_allclose(sim.reaction[0], (0.0, 6 * 0.3 * G, 0.0), atol=1e-8)  # its own weight too
 
 
-def test_a_grabbed_particle_is_held_by_the_hand():
+def test_a_grabbed_particle_is_held():
     sim = pbd.Simulation(rope_model(2, pinned=(), gravity=(0, 0, 0)), method="direct")
     mass = 1.0 / sim.model.w[1]
     sim.grab(0)

@@ -1,6 +1,11 @@
 """From Python: running for a while, reading what is there now, seeing it."""
 
+import os
+import signal
+import sys
+import threading
 import types
+import urllib.request
 
 import numpy as np
 import pytest
@@ -8,7 +13,10 @@ from rich.console import Console
 
 import pbd_warp as pbd
 from pbd_warp import progress
+from pbd_warp.grab.drawing import DrawnRope
 from pbd_warp.player import motion as motion_module
+from pbd_warp.view import messages as say
+from pbd_warp.view.server import ViewServer
 
 
 def falling(**settings):
@@ -92,10 +100,52 @@ def test_a_simulation_shows_what_comes_next_and_stays_where_it_is(monkeypatch):
     sim = falling()
     sim.run(frames=4)
     sim.show(seconds=0.5)
-    pbd.show(sim)
     assert sim.frame == 4
     assert '"frames": 31,' in served[0]
-    assert '"frames": 301,' in served[1]
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("shown", [lambda sim: sim.show(), pbd.show], ids=["sim.show", "pbd.show"])
+def test_a_simulation_is_opened_live_as_it_is_now(shown, dtype, monkeypatch, capsys):
+    """The page is there, the view's first frame is the simulation's present one, and Ctrl-C ends it."""
+    builder = pbd.ModelBuilder()
+    builder.add_rope([(0, 0, 0), (1, 0, 0), (2, 0, 0)])
+    builder.add_point(0, (0, 0, 0))
+    sim = pbd.Simulation(builder.finalize(dtype=dtype), method="direct", substeps=3)
+    sim.run(frames=4)
+    before = sim.positions, sim.velocities
+    sessions, pages = [], []
+
+    class Watched(ViewServer):
+        def __init__(self, session):
+            super().__init__(session)
+            sessions.append(session)
+
+        async def start(self):
+            await super().start()
+            await self.begun
+
+    def look(url):
+        def fetch():
+            with urllib.request.urlopen(url, timeout=20) as answer:
+                pages.append(answer.read())
+            os.kill(os.getpid(), signal.SIGINT)  # Ctrl-C
+
+        threading.Thread(target=fetch).start()
+
+    monkeypatch.setattr(sys.modules["pbd_warp.show"], "ViewServer", Watched)
+    monkeypatch.setattr("webbrowser.open", look)
+    shown(sim)
+    assert "simulation is live at http://127.0.0.1:" in capsys.readouterr().out
+    assert b"<title>pbd-warp</title>" in pages[0]
+    (session,) = sessions
+    assert (session.sim.model.dtype, session.settings.substeps, session.settings.method.name) == (dtype, 3, "direct")
+    np.testing.assert_array_equal(session.frames.at(0).x, before[0])
+    np.testing.assert_array_equal(session.frames.at(0).v, before[1])
+    np.testing.assert_array_equal(sim.positions, before[0])
+    assert sim.frame == 4
+    with pytest.raises(pbd.InputError, match="nothing can be added to a simulation that is shown"):
+        session.do(1, say.Rope(DrawnRope(((0, 1, 0), (1, 1, 0)), (0,))))
 
 
 def test_in_jupyter_a_simulation_and_a_scene_are_players_in_the_page(monkeypatch):
@@ -121,7 +171,7 @@ def test_show_plays_a_file_and_refuses_what_it_cannot(monkeypatch, tmp_path):
     with pbd.UsdWriter(tmp_path / "r.usda", sim.model) as writer:
         writer.write(sim.state)
     pbd.show(tmp_path / "r.usda")
-    pbd.show(sim.model)
+    pbd.show(sim.run(frames=2))
     assert served == ["r.usda", "frames from 0"]
     with pytest.raises(pbd.InputError, match="show takes"):
         pbd.show(3)

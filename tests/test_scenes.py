@@ -42,7 +42,7 @@ def test_all_scenes_are_known_and_have_a_drag(runs):
 
 def test_the_worm_follows_its_head(runs):
     scene, x, measures = runs["worm"]
-    # Nothing but the hand moves it.
+    # Nothing but the grabber moves it.
     np.testing.assert_allclose(x[frame_at(scene, 0)], x[0], atol=1e-6)
     end = frame_at(scene, -1)
     travelled = np.linalg.norm(np.diff(x[:end], axis=0), axis=2).sum(axis=0)
@@ -62,7 +62,7 @@ def test_no_discs_overlap(runs):
     low, high = (x - radius[:, None]).min(axis=(0, 1)), (x + radius[:, None]).max(axis=(0, 1))
     assert low[:2].min() >= -0.01 * radius.min()
     assert np.all(high[:2] <= np.array([2.0, 1.4]) + 0.01 * radius.min())
-    # Some fly, some rest, and the hand pushes more than it holds.
+    # Some fly, some rest, and the grabbed one pushes more than it holds.
     speed = np.linalg.norm(x[1] - x[0], axis=1)
     assert 0 < np.count_nonzero(speed) < len(radius)
     before, after = frame_at(scene, 0), frame_at(scene, -1)
@@ -84,7 +84,7 @@ def test_the_point_stays_locked(runs):
     reach = np.linalg.norm(x[:, -1], axis=1)
     within = reach < 1.0
     assert locked[within].max() < 0.005
-    assert reach.max() > 1.25, "the hand goes further than the chain can reach"
+    assert reach.max() > 1.25, "the grabber goes further than the chain can reach"
     # Then no solution exists; the chain is straight, evenly stretched, and takes part of the way at the locked end too.
     far = x[int(reach.argmax())]
     assert np.ptp(np.linalg.norm(np.diff(far, axis=0), axis=1)) < 0.02
@@ -129,7 +129,7 @@ UNSOLVED = {"overconstrained": "stretched", "point": "stretched", "deep_overlap"
 
 @pytest.mark.parametrize("name", [name for name in pbd.scene_names() if not pbd.load_scene(name).reference])
 def test_every_scene_holds_at_its_own_settings(name):
-    """To its end, in float32. Hands, and errors that a scene starts with, bring in energy of their own."""
+    """To its end, in float32. Drags, and errors that a scene starts with, bring in energy of their own."""
     scene = pbd.load_scene(name)
     driven = bool(scene.drag) or name in ("coincident", "overconstrained")
     assert classify(run_scene(scene, "float32", energy=not driven)) == UNSOLVED.get(name, "converged")

@@ -288,7 +288,7 @@ def test_a_rope_pulled_too_far_is_stretched_evenly():
 
     def held(factor, method):
         scene = study("stretched", factor=factor, links=10).changed(frames=59, damping=0.0, method=method)
-        return run(scene)[1][30:]  # from when the hand has arrived
+        return run(scene)[1][30:]  # from when the grabber has arrived
 
     assert [now.max_stretch for now in held(1.5, pbd.Jacobi(20))] == pytest.approx([0.5 * 10 / 9] * 29, rel=1e-3)
     assert [now.max_stretch for now in held(1.5, pbd.Direct())] == pytest.approx([0.5] * 29, rel=1e-6)

@@ -158,7 +158,7 @@ def test_failures_are_rows_with_the_sentence_they_have_alone(grid):
         assert "energy" not in together[1] or np.isnan(together[1]["energy"])
 
 
-def test_a_hand_moves_each_run():
+def test_a_drag_moves_each_run():
     together = rows_of(runs({"drag": [True], "tilt": [0.0, 0.1]}, ["tip"]), pool=Batches)
     assert {row["together"] for row in together.values()} == {1}
     assert all(abs(row["tip.y"] - 0.1) < 0.11 for row in together.values())

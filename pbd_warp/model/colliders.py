@@ -64,6 +64,11 @@ class Colliders:
             depth[deeper], deepest[deeper] = (radius - surface)[deeper], which
         return depth, deepest
 
+    def title(self, which: int) -> str:
+        """What it is, as the name of a prim."""
+        cylinder = self.kind[which] == CONE and self.size[which, 0] == self.size[which, 1]
+        return "Cylinder" if cylinder else NAMES[int(self.kind[which])].title()
+
     def name(self, which: int) -> str:
         """For a message."""
         return f"collider {which} (a {NAMES[int(self.kind[which])]})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,7 @@ from pbd_warp.kernels.shapes import PLANE, SPHERE
 from pbd_warp.model.model import Model
 from pbd_warp.usd.surroundings import flattest_axis
 from pbd_warp.usd.writer import loose_edges, shown_widths
+from pbd_warp.view.solids import DrawnSolid, drawn_solids
 from pbd_warp.view.surroundings import EDGE_WIDTH, FLAT, ROPE_WIDTH, UPRIGHT, plane_polygons, wall
 
 
@@ -20,7 +22,7 @@ class Drawn:
 
     radius: Of the balls, [particle_count]. fixed: Which of them do not move, [fixed_count]. links: Pairs of them,
     [link_count, 2]; link_radius, rest_length: [link_count]. plane_point, plane_normal: [plane_count, 3].
-    spheres: Centre and radius, [sphere_count, 4].
+    spheres: Centre and radius, [sphere_count, 4]. solids: All other colliders.
     """
 
     radius: np.ndarray
@@ -31,16 +33,18 @@ class Drawn:
     plane_point: np.ndarray
     plane_normal: np.ndarray
     spheres: np.ndarray
+    solids: Sequence[DrawnSolid] = ()
 
     @classmethod
-    def of_model(cls, model: Model) -> Drawn:
-        """As the live view draws it."""
+    def of_model(cls, model: Model, places: tuple[np.ndarray, np.ndarray] | None = None) -> Drawn:
+        """As the live view draws it. places: Where colliders are at the start, `Simulation.collider_places`."""
         radius = 0.5 * shown_widths(model)
         edge = model.distance.edge
         width = np.where(loose_edges(model), EDGE_WIDTH, ROPE_WIDTH)
         fixed = model.w == 0.0
         fixed[model.point.particle] = True
-        ball, flat = model.colliders.kind == SPHERE, model.colliders.kind == PLANE
+        ball = (model.colliders.kind == SPHERE) & (model.colliders.moves == 0)
+        flat = model.colliders.kind == PLANE
         return cls(
             radius=radius,
             fixed=np.flatnonzero(fixed),
@@ -50,6 +54,7 @@ class Drawn:
             plane_point=model.colliders.centre[flat],
             plane_normal=model.colliders.size[flat],
             spheres=np.column_stack([model.colliders.centre[ball], model.colliders.size[ball, 0]]),
+            solids=drawn_solids(model, places),
         )
 
     def around(self, x: np.ndarray) -> dict[str, Any]:
@@ -71,6 +76,7 @@ class Drawn:
             "rest_length": self.rest_length.tolist(),
             "planes": [polygon.tolist() for polygon, _ in planes],
             "walls": [wall(polygon, n, low, high, axis).tolist() for polygon, n in planes if axis is not None],
+            "solids": [solid.to_json() for solid in self.solids],
             "spheres": self.spheres.tolist(),
             "low": low.tolist(),
             "high": high.tolist(),

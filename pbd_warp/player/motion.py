@@ -46,10 +46,12 @@ class Motion:
         fps: float,
         title: str,
         tension: Sequence[np.ndarray] | np.ndarray | None = None,
+        places: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> Motion:
-        """The motion of a model, frame by frame: positions [particle_count, 3] and tensions [distance_count]."""
+        """The motion of a model, frame by frame: positions [particle_count, 3] and tensions [distance_count]. places:
+        Where colliders are at its start, `Simulation.collider_places`; where the model has them unless given."""
         pulls = None if tension is None else np.asarray(tension, dtype=np.float32)
-        return cls(Drawn.of_model(model), np.asarray(positions, dtype=np.float32), fps, title, tension=pulls)
+        return cls(Drawn.of_model(model, places), np.asarray(positions, dtype=np.float32), fps, title, tension=pulls)
 
     @property
     def frame_count(self) -> int:

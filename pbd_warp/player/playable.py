@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from contextlib import nullcontext
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from pbd_warp import check
 from pbd_warp.errors import InputError
 from pbd_warp.model.model import Model, State
-from pbd_warp.player.motion import Motion
+from pbd_warp.player.motion import Motion, in_notebook
 from pbd_warp.progress import progress_bar
 from pbd_warp.settings import Settings
 
@@ -25,6 +26,8 @@ class Playable(ABC):
     settings: Settings
     state: State
     frame: int
+    open_live: ClassVar[Callable[[Any], None]]
+    """Opens the live view on one; that room lies above this one, and puts this here (show.py)."""
 
     @property
     @abstractmethod
@@ -33,6 +36,10 @@ class Playable(ABC):
     @property
     @abstractmethod
     def tension(self) -> np.ndarray: ...
+
+    @property
+    @abstractmethod
+    def collider_places(self) -> tuple[np.ndarray, np.ndarray]: ...
 
     @abstractmethod
     def step(self) -> None: ...
@@ -60,6 +67,7 @@ class Playable(ABC):
             count = check.whole("frames", frames, low=0)
         positions = np.empty((count + 1, self.model.particle_count, 3), np.float32)
         positions[0] = self.state.x.numpy()
+        places = self.collider_places
         tension = np.empty((count + 1, len(self.model.distance)), np.float32) if self.keeps_forces else None
         if tension is not None:
             tension[0] = self.tension
@@ -70,11 +78,20 @@ class Playable(ABC):
                 if tension is not None:
                     tension[done] = self.tension
                 advance(done, count)
-        return Motion.of(self.model, positions, self.settings.fps, f"frames from {self.frame - count}", tension)
+        title = f"frames from {self.frame - count}"
+        return Motion.of(self.model, positions, self.settings.fps, title, tension, places)
 
-    def show(self, seconds: float = SHOWN_SECONDS) -> None:
-        """Play in the browser what comes next [s]. This simulation stays where it is."""
-        self._preview(seconds).show()
+    def show(self, seconds: float | None = None) -> None:
+        """Open the live view on it, as it is now, until Ctrl-C; in Jupyter, a player of the next five seconds below the
+        cell. This simulation stays where it is.
+
+        Args:
+            seconds: Play so much of what comes next instead [s].
+        """
+        if seconds is None and not in_notebook():
+            self.open_live()
+        else:
+            self._preview(SHOWN_SECONDS if seconds is None else seconds).show()
 
     def _preview(self, seconds: float = SHOWN_SECONDS) -> Motion:
         motion: Motion = self.continue_with().run(seconds)

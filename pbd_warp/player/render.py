@@ -89,11 +89,17 @@ class Renderer:
         self._radius = np.concatenate([drawn.radius, drawn.spheres[:, 3]])
         self._polygons = [np.array(polygon) for polygon in around["planes"]]
         self._back = self._background()
+        self._back_depth = np.full(self._back.shape[:2], np.inf)
+        for solid in drawn.solids:
+            if not solid.moves:
+                self._facets(self._back, self._back_depth, solid.at(0.0)[solid.triangles])
 
-    def draw(self, x: np.ndarray) -> np.ndarray:
-        """A frame as uint8 [height, width, 3], of positions [m], [particle_count, 3]."""
-        picture = self._back.copy()
-        depth = np.full(picture.shape[:2], np.inf)
+    def draw(self, x: np.ndarray, time: float = 0.0) -> np.ndarray:
+        """A frame as uint8 [height, width, 3], of positions [m], [particle_count, 3], at a time since the start [s]."""
+        picture, depth = self._back.copy(), self._back_depth.copy()
+        for solid in self._drawn.solids:
+            if solid.moves:
+                self._facets(picture, depth, solid.at(time)[solid.triangles])
         centres = np.concatenate([x.astype(np.float64), self._drawn.spheres[:, :3]])
         pixel, far = self.eye.project(centres)
         size = np.maximum(self.eye.pixels(self._radius, far), LEAST)
@@ -144,6 +150,28 @@ class Renderer:
         far = far_a + (far_b - far_a) * np.clip(along / length, 0.0, 1.0) - radius * nz
         tint = _lit(LINK, n * axis[1] / length, n * axis[0] / length, nz)
         self._blend(picture, depth, patch, cover, far, tint)
+
+    def _facets(self, picture: np.ndarray, depth: np.ndarray, corners: np.ndarray) -> None:
+        """Triangles [m], [n, 3, 3]."""
+        eye = self.eye
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+        seen = np.stack([normal @ eye.right, normal @ eye.up, -normal @ eye.forward], axis=1)
+        seen *= np.where(seen[:, 2:] < 0.0, -1.0, 1.0)
+        tints = _lit(COLLIDER, *seen.T)
+        pixel, far = eye.project(corners.reshape(-1, 3))
+        for tint, at, deep in zip(tints, pixel.reshape(-1, 3, 2), far.reshape(-1, 3), strict=True):
+            patch = self._patch(at.min(axis=0) - 1.0, at.max(axis=0) + 1.0)
+            (ax, ay), (bx, by), (cx, cy) = at
+            area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+            if patch is None or deep.min() <= 0.0 or abs(area) < 1e-9:
+                continue
+            dx, dy = self._offsets(patch, at[0])
+            b = (dx * (cy - ay) - dy * (cx - ax)) / area
+            c = (dy * (bx - ax) - dx * (by - ay)) / area
+            inside = np.minimum(np.minimum(b, c), 1.0 - b - c) >= -1e-9
+            depths = deep[0] + b * (deep[1] - deep[0]) + c * (deep[2] - deep[0])
+            self._blend(picture, depth, patch, inside.astype(float), depths, tint)
 
     def _patch(self, low: np.ndarray, high: np.ndarray) -> tuple[slice, slice] | None:
         """Rows and columns of the picture between two corners [px], None where there are none."""

@@ -59,5 +59,5 @@ def save_video(
     options = {"loop": 0, "duration": 1e3 / rate} if out.suffix == ".gif" else {"fps": rate, "quality": 7}
     with imageio().get_writer(out, **options) as video:
         for done, frame in enumerate(shown, 1):
-            video.append_data(renderer.draw(x[frame]))
+            video.append_data(renderer.draw(x[frame], frame / fps))
             on_frame(done, len(shown))

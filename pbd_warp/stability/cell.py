@@ -39,7 +39,7 @@ def run_scene(
 
     Args:
         in_line: Particles of one height y lie along x and must not pass through each other.
-        energy: Whether energy is judged: not where a hand, or a constraint violated at the start, brings it in.
+        energy: Whether energy is judged: not where a drag, or a constraint violated at the start, brings it in.
         error: What is off at the end, over the scene's size.
 
     Raises:

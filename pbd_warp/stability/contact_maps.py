@@ -135,7 +135,7 @@ UNREACHABLE = Map(
             _held(Direct), Boundary(lambda y: 1.0 + STRETCHED, "1.1: spread over all links alike", along="y")
         ),
     },
-    text="A rope of 10 links is pulled by a hand, and held. No positions satisfy the lengths: Jacobi spreads "
+    text="A rope of 10 links is pulled by its end, and held. No positions satisfy the lengths: Jacobi spreads "
     "what is too much over all links, Gauss-Seidel leaves more of it to some. Direct gives all links the same share, "
     "as an elastic rope would, from some 20 iterations on.",
 )

@@ -163,7 +163,7 @@ DRAG = Map(
     name="drag",
     title="How fast a rope can be led by its head",
     scene="worm",
-    x=Axis("speed of the hand [m/s]", (0.1, 0.3, 1, 3, 10, 30, 100, 300), log=True),
+    x=Axis("speed of the grabber [m/s]", (0.1, 0.3, 1, 3, 10, 30, 100, 300), log=True),
     y=Axis(STEPS_A_FRAME, (1, 2, 4, 8, 16, 32, 64), log=True),
     panels={
         "jacobi, 1 iteration": _dragged(Jacobi(1)),

@@ -133,6 +133,18 @@ class ColliderShapes:
             for mine, array in zip(self._state, theirs, strict=True):
                 wp.copy(mine, array)
 
+    def motion(self) -> np.ndarray:
+        """All that changes of shapes: origin, quaternion, velocity and spin, [shape_count, 13]; none if none move."""
+        if not self.moving:
+            return np.zeros((0, 13))
+        return np.concatenate([array.numpy() for array in self._state], axis=1)
+
+    def put(self, motion: np.ndarray) -> None:
+        """To what `motion` was."""
+        if self.moving:
+            for array, values in zip(self._state, np.split(motion, (3, 7, 10), axis=1), strict=True):
+                array.assign(np.ascontiguousarray(values))
+
     def places(self) -> tuple[np.ndarray, np.ndarray]:
         """Where all colliders are now: their origins [m], float64 [collider_count, 3], and quaternions (x, y, z, w)."""
         c = self._context.model.colliders

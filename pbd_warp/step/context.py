@@ -87,3 +87,8 @@ class Context:
         """A device array of zeros."""
         self.arrays[name] = wp.zeros(shape, dtype=dtype, device=self.model.device)
         return self.arrays[name]
+
+    def put(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Positions [m] and velocities [m/s] as they were."""
+        self.state.x.assign(x)
+        self.state.v.assign(v)

@@ -22,7 +22,7 @@ class Limits:
     """Beyond these a frame counts as diverged, as it does when a position is not finite.
 
     stretch: Of a distance, relative to its rest length: 10 is eleven times as long. None: no limit.
-    energy: Rise of the kinetic energy and that in gravity over the initial state's [J]. None: no limit. A hand that
+    energy: Rise of the kinetic energy and that in gravity over the initial state's [J]. None: no limit. A drag that
         moves a particle does work too, so only a scene knows how much there can be.
 
     Raises:

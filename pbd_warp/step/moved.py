@@ -31,6 +31,7 @@ class Moved:
         self._grip: KinematicParticles | Pull = pull or self._kinematic
         self.grab, self.move_held, self.release = self._grip.grab, self._grip.move_held, self._grip.release
         self.move_fixed, self.move_collider = self._kinematic.move_fixed, self._colliders.move
+        self.put_colliders = self._colliders.put
 
     def begin_frame(self, frame: int) -> bool:
         """What is not moved in this frame rests; whether anything is moved."""

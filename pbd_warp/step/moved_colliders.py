@@ -62,6 +62,11 @@ class MovedColliders:
         if self._shapes:
             self._shapes.reset()
 
+    def put(self, motion: np.ndarray) -> None:
+        """To what `ColliderShapes.motion` was."""
+        if self._shapes:
+            self._shapes.put(motion)
+
     def take_over(self, other: MovedColliders, start: bool) -> None:
         """Go on from where another of the same model is, or, at the `start` of a frame, was."""
         self._moved = dict(other._moved)

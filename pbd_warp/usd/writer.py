@@ -113,7 +113,7 @@ class UsdWriter:
             self._geometry.append(self._define_curves("Edges", list(model.distance.edge[loose]), 0.5 * width))
 
         attributes = [attribute for geometry in self._geometry for attribute in geometry.attributes]
-        self._surroundings = Surroundings(stage, model.colliders, space)
+        self._surroundings = Surroundings(stage, model.colliders, space, fps)
         self._animation = Animation(self._path, stage, attributes, resume, self._surroundings.define, identity)
         for extent in self._animation.values(self._geometry[0].extent):
             self._surroundings.include(extent)

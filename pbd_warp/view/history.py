@@ -25,11 +25,12 @@ ROOM = 512 * 2**20
 
 class Kept(NamedTuple):
     """A frame: positions and velocities [particle_count, 3]; tensions [N], float32 [distance_count], none where the
-    method does not know them."""
+    method does not know them; where colliders that move are and how they do, see `ColliderShapes.motion`."""
 
     x: np.ndarray
     v: np.ndarray
     tension: np.ndarray
+    motion: np.ndarray
 
 
 class Frames:
@@ -58,7 +59,7 @@ class Frames:
     def add(self, sim: Simulation) -> None:
         """The next frame, as it is now."""
         tension = sim.tension.astype(np.float32) if sim.keeps_forces else np.zeros(0, np.float32)
-        self._states.append(Kept(sim.positions, sim.velocities, tension))
+        self._states.append(Kept(sim.positions, sim.velocities, tension, sim.collider_motion))
         self.last += 1
         while len(self._states) > 1 and not self.keep and (len(self._states) > self._most or self.full):
             self._states.popleft()
@@ -101,5 +102,5 @@ class Clip:
         vector = PRECISIONS[self.model.real]["Vec3"]
         host = next(device for device in wp.get_devices() if device.is_cpu)  # where the values are
         with UsdWriter(path, self.model, self.fps, self.about) as writer:
-            for x, v, _ in self.states:
+            for x, v, *_ in self.states:
                 writer.write(State(*(wp.array(values, dtype=vector, device=host) for values in (x, v))))

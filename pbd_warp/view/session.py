@@ -272,15 +272,13 @@ class Session:
             return
         frame, self._back, self.failure = self._back, None, None
         settings, held = self.recording.cut(frame)
-        x, v, _ = self.frames.cut(frame)
+        x, v, _, motion = self.frames.cut(frame)
         self.sim.release()
         if held is not None:
             if self.model.w[held] == 0.0:
                 v = np.where(np.arange(len(v))[:, None] == held, 0.0, v)
             self.recording.note(frame, "deselect", None)
-        self.sim.state.x.assign(x)
-        self.sim.state.v.assign(v)
-        self.sim.frame = frame
+        self.sim.go_back(frame, x, v, motion)
         self._use(settings, self.sim.continue_with(settings))
         self.grabber.sim = self.sim
         self.recording.note(frame, CHANGE, settings)

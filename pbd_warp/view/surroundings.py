@@ -10,6 +10,7 @@ from pbd_warp.kernels.shapes import PLANE, SPHERE
 from pbd_warp.model.model import Model
 from pbd_warp.usd.surroundings import flattest_axis
 from pbd_warp.usd.writer import loose_edges, shown_widths
+from pbd_warp.view.solids import drawn_solids
 
 ROPE_WIDTH, EDGE_WIDTH = 0.55, 0.35
 """Of links, relative to the particles they join: the particles are seen along them."""
@@ -29,9 +30,10 @@ def describe(model: Model) -> dict[str, Any]:
 
     radius: As drawn [m]. fixed: Particles that are fixed or locked to a point. links: Pairs of particles; link_radius
     as drawn [m]; rest_length [m]. planes: Polygons of corners [m], what is free of the other planes; of a planar scene
-    they are seen from their edges, and walls are polygons in its plane behind them. spheres: [x, y, z, radius] each.
-    low, high: The box in which motion is to be expected [m]. ground: Height of a plane that things lie on [m], None
-    where there is none. axis: To look along, 0 to 2, where the scene is planar, otherwise None.
+    they are seen from their edges, and walls are polygons in its plane behind them. spheres: [x, y, z, radius] each, at
+    rest. solids: All other colliders, see `DrawnSolid`. low, high: The box in which motion is to be expected [m].
+    ground: Height of a plane that things lie on [m], None where there is none. axis: To look along, 0 to 2, where the
+    scene is planar, otherwise None.
     """
     radius = 0.5 * shown_widths(model)
     edge = model.distance.edge
@@ -41,7 +43,7 @@ def describe(model: Model) -> dict[str, Any]:
     low, high = expected_box(model, radius)
     axis = flat_axis(model)
     colliders = model.colliders
-    ball, flat = colliders.kind == SPHERE, colliders.kind == PLANE
+    ball, flat = (colliders.kind == SPHERE) & (colliders.moves == 0), colliders.kind == PLANE
     centre, normal = colliders.centre[flat], colliders.size[flat]
     planes = plane_polygons(centre, normal, low, high, axis)
     level = centre[normal[:, 1] > UPRIGHT, 1]
@@ -53,6 +55,7 @@ def describe(model: Model) -> dict[str, Any]:
         "rest_length": model.distance.rest_length.tolist(),
         "planes": [polygon.tolist() for polygon, _ in planes],
         "walls": [wall(polygon, n, low, high, axis).tolist() for polygon, n in planes if axis is not None],
+        "solids": [solid.to_json() for solid in drawn_solids(model)],
         "spheres": np.column_stack([colliders.centre[ball], colliders.size[ball, 0]]).tolist(),
         "low": low.tolist(),
         "high": high.tolist(),

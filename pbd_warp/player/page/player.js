@@ -65,7 +65,7 @@ function animate(now) {
   stale = false;
   place();
   const by = $("colour").value;
-  drawing.draw(camera, x, -1, colouring(by, most[by], tension));
+  drawing.draw(camera, x, -1, colouring(by, most[by], tension), at / scene.fps);
   drawn++;
 }
 

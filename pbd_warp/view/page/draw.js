@@ -5,7 +5,7 @@
 
 import {
   FLAT_FRAGMENT, FLAT_VERTEX, GROUND_FRAGMENT, GROUND_VERTEX, LINES, LINK_FRAGMENT, LINK_VERTEX, PIECES, SPHERE_FRAGMENT,
-  SPHERE_VERTEX, WIDTH,
+  SOLID_FRAGMENT, SOLID_VERTEX, SPHERE_VERTEX, WIDTH,
 } from "./shaders.js";
 
 // Colours for the two schemes of the page.
@@ -33,6 +33,8 @@ export class Drawing {
     this.links = program(gl, LINK_VERTEX, LINK_FRAGMENT);
     this.floor = program(gl, GROUND_VERTEX, GROUND_FRAGMENT);
     this.flat = program(gl, FLAT_VERTEX, FLAT_FRAGMENT);
+    this.solid = program(gl, SOLID_VERTEX, SOLID_FRAGMENT);
+    this.facets = gl.createBuffer();
     this.squares = gl.createBuffer();
     this.corners = gl.createBuffer();
     this.tables = [];
@@ -66,6 +68,8 @@ export class Drawing {
     gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, index, gl.STATIC_DRAW);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.corners);
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array([...scene.walls, ...scene.planes].flat(2)), gl.STATIC_DRAW);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.facets);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(scene.solids.flatMap(facets)), gl.STATIC_DRAW);
     const size = Math.max(...scene.high.map((value, k) => value - scene.low[k]), 1e-3);
     this.cell = niceBelow(size / 6);
     this.clear();
@@ -79,7 +83,8 @@ export class Drawing {
 
   // x: positions [m]; held: a particle to be highlighted, or -1; colouring: { scale, tension }, what is drawn in full
   // colour, of the links' stretch or of their tension [N], where there is one; null: links have a colour of their own.
-  draw(camera, x, held = -1, colouring = null) {
+  // time: since the start [s], for solids that move.
+  draw(camera, x, held = -1, colouring = null, time = 0) {
     const { gl, canvas, scene, colours } = this;
     this.fill(this.positions, x);
     if (colouring?.tension) this.fill(this.pulls, colouring.tension);
@@ -123,6 +128,25 @@ export class Drawing {
     corners();
     drawPolygons(scene.walls, 0, [...colours.wall, 1], [...colours.wall, 1]);
     gl.disableVertexAttribArray(0);
+
+    if (scene.solids.length) {
+      uniform = use(this.solid);
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.facets);
+      for (const [place, name] of [[0, 0], [1, 12]]) {
+        gl.enableVertexAttribArray(place);
+        gl.vertexAttribPointer(place, 3, gl.FLOAT, false, 24, name);
+      }
+      gl.uniform3fv(uniform("tint"), colours.collider);
+      let first = 0;
+      for (const { centre, velocity, spin, triangles } of scene.solids) {
+        gl.uniform3fv(uniform("centre"), centre.map((value, k) => value + time * velocity[k]));
+        gl.uniform3fv(uniform("turn"), spin.map((value) => time * value));
+        gl.drawArrays(gl.TRIANGLES, first, 3 * triangles.length);
+        first += 3 * triangles.length;
+      }
+      gl.disableVertexAttribArray(0);
+      gl.disableVertexAttribArray(1);
+    }
 
     uniform = use(this.links);
     gl.uniform3fv(uniform("linkTint"), colours.link);
@@ -195,6 +219,17 @@ function bySoftware() {
   return /swiftshader|llvmpipe|softpipe|software|basic render/i.test(name);
 }
 
+// The corners of a solid's triangles, each with the normal of its triangle: x, y, z, nx, ny, nz.
+function facets({ points, triangles }) {
+  return triangles.flatMap((corners) => {
+    const [a, b, c] = corners.map((corner) => points[corner]);
+    const [u, v] = [b, c].map((to) => to.map((value, k) => value - a[k]));
+    const n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    const size = Math.hypot(...n) || 1;
+    return [a, b, c].flatMap((corner) => [...corner, ...n.map((value) => value / size)]);
+  });
+}
+
 // The largest of ..., 0.1, 0.2, 0.5, 1, 2, ... that is not above a value.
 function niceBelow(value) {
   const ten = 10 ** Math.floor(Math.log10(value));
@@ -211,6 +246,7 @@ function program(gl, vertex, fragment) {
     gl.attachShader(program, shader);
   }
   gl.bindAttribLocation(program, 0, "vertex");
+  gl.bindAttribLocation(program, 1, "normal");
   gl.linkProgram(program);
   if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
   const found = new Map();

@@ -75,10 +75,10 @@ export class Playhead {
     }
     const next = this.frames.find((frame) => frame.number >= this.at);
     const before = this.frames.findLast((frame) => frame.number <= this.at) ?? next;
-    if (before === next) return { x: next.x, number: next.number };
+    if (before === next) return { x: next.x, number: next.number, at: next.number };
     const part = (this.at - before.number) / (next.number - before.number);
     const x = new Float32Array(Math.min(before.x.length, next.x.length));
     for (let k = 0; k < x.length; k++) x[k] = before.x[k] + part * (next.x[k] - before.x[k]);
-    return { x, number: part < 0.5 ? before.number : next.number };
+    return { x, number: part < 0.5 ? before.number : next.number, at: this.at };
   }
 }

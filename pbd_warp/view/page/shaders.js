@@ -137,6 +137,31 @@ void main() {
   result = vec4(tint, strength * exp(-dot(away, away)) * grazing);
 }`;
 
+export const SOLID_VERTEX = COMMON + `
+in vec3 vertex, normal;
+uniform vec3 centre, turn; // where it is, and the rotation vector [rad] by which it is turned
+out vec3 place, facing;
+vec3 turned(vec3 a) {
+  float angle = length(turn);
+  vec3 axis = angle > 0.0 ? turn / angle : vec3(0.0);
+  return mix(axis * dot(axis, a), a, cos(angle)) + sin(angle) * cross(axis, a);
+}
+void main() {
+  place = centre + turned(vertex);
+  facing = turned(normal);
+  gl_Position = matrix * vec4(place, 1.0);
+}`;
+
+export const SOLID_FRAGMENT = COMMON + LIGHT + `
+in vec3 place, facing;
+uniform vec3 tint;
+out vec4 result;
+void main() {
+  vec3 back = toEye(place);
+  vec3 n = normalize(facing);
+  result = vec4(lit(tint, dot(n, back) < 0.0 ? -n : n, back), 1.0);
+}`;
+
 export const FLAT_VERTEX = COMMON + `
 in vec3 vertex;
 void main() { gl_Position = matrix * vec4(vertex, 1.0); }`;

@@ -145,7 +145,8 @@ function take(data) {
 // What is to be seen of a frame, as the playhead gives it.
 function apart(frame) {
   const count = 3 * view.scene.radius.length;
-  return frame && { x: frame.x.subarray(0, count), tension: frame.x.subarray(count), number: frame.number };
+  if (!frame) return frame;
+  return { x: frame.x.subarray(0, count), tension: frame.x.subarray(count), number: frame.number, at: frame.at };
 }
 
 // How links are coloured now.
@@ -168,7 +169,7 @@ function animate(now) {
     return;
   }
   if (!dragging.down && !dragging.grab && follower.step(...boxOf(view.shown.x, view.scene.radius))) stale = true;
-  drawing.draw(camera, view.shown.x, held, linkColours());
+  drawing.draw(camera, view.shown.x, held, linkColours(), view.shown.at / view.scene.fps);
   mark();
   drawn++;
 }
@@ -232,7 +233,7 @@ panel.button($("fit"), fit);
 panel.button($("draw"), () => (rope.active ? rope.stop() : rope.start()));
 panel.button($("ask"), () => $("help").showModal());
 panel.button($("save-picture"), () => {
-  drawing.draw(camera, view.shown.x, held, linkColours()); // it is gone from the buffer
+  drawing.draw(camera, view.shown.x, held, linkColours(), view.shown.at / view.scene.fps); // it is gone from the buffer
   canvas.toBlob((picture) => {
     const name = `${view.scene.scene}-${view.shown.number}.png`;
     const save = Object.assign(document.createElement("a"), { href: URL.createObjectURL(picture), download: name });
