@@ -224,30 +224,33 @@ def direct(rounds: int) -> None:
 
 
 COMPILE = """
-import sys, warp as wp, pbd_warp as pbd
+import sys, time, warp as wp, pbd_warp as pbd
 wp.config.log_level = wp.LOG_ERROR
-scene = pbd.load_scene(sys.argv[1])
-sim = pbd.Simulation(scene.builder.finalize(dtype="float32"), scene.settings, capture=sys.argv[2] == "fused")
-assert sim.fused == (sys.argv[2] == "fused")
-print(sim.compile_seconds)
+scene, how = pbd.load_scene(sys.argv[1]), sys.argv[2]
+model = scene.builder.finalize(dtype="float32")
+settings = scene.settings.changed(integrator="dop853") if how == "dop853" else scene.settings
+start = time.process_time()
+sim = pbd.Simulation(model, settings, capture=how != "launches")
+assert sim.fused == (how == "fused")
+print(time.process_time() - start)
 """
 
 
 def compile_times() -> None:
-    print("\nseconds to compile from nothing")
+    def seconds(scene: str, how: str) -> float:
+        with tempfile.TemporaryDirectory() as cache:
+            command = [sys.executable, "-c", COMPILE, scene, how]
+            env = {**os.environ, "WARP_CACHE_PATH": cache}
+            return float(
+                subprocess.run(command, env=env, capture_output=True, text=True, check=True).stdout.split()[-1]
+            )
+
+    print("\nseconds of CPU to build a simulation, compiling from nothing")
     print(f"{'scene':>10} {'fused':>7} {'launches':>9} {'ratio':>6}")
     for scene in ("rope", "worm", "point", "collision"):
-        seconds = {}
-        for how in ("fused", "launches"):
-            with tempfile.TemporaryDirectory() as cache:
-                seconds[how] = float(
-                    subprocess.run(
-                        [sys.executable, "-c", COMPILE, scene, how],
-                        env={**os.environ, "WARP_CACHE_PATH": cache}, capture_output=True, text=True, check=True,
-                    ).stdout.split()[-1]
-                )  # fmt: skip
-        ratio = seconds["fused"] / seconds["launches"]
-        print(f"{scene:>10} {seconds['fused']:>7.2f} {seconds['launches']:>9.2f} {ratio:>6.2f}")
+        fused, launches = seconds(scene, "fused"), seconds(scene, "launches")
+        print(f"{scene:>10} {fused:>7.2f} {launches:>9.2f} {fused / launches:>6.2f}")
+    print(f"{'chain':>10} {seconds('chain', 'dop853'):>7.2f} by dop853")
 
 
 def main() -> None:
