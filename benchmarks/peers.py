@@ -73,7 +73,7 @@ def sweep(
     for settings, make in families.items():
         best, rises, steps = float("inf"), 0, 1
         while True:
-            began = time.perf_counter()
+            began = time.process_time()
             try:
                 run = make(steps)
                 took, x = run()
@@ -82,7 +82,7 @@ def sweep(
                 rows.append(failure(settings, steps, error))
                 if not isinstance(error, ArithmeticError | pbd.SimulationFailed):
                     break
-                took, failed = time.perf_counter() - began, True
+                took, failed = time.process_time() - began, True
                 ms = 1e3 * took
             else:
                 error = float(np.sqrt(np.mean(np.sum((x - reference) ** 2, axis=1))))
@@ -91,7 +91,7 @@ def sweep(
                 rows.append(PeerRow(scene, peer, settings, steps, ms, spread, error, "measured"))
                 rises = rises + 1 if error >= best else 0
                 best, failed = min(best, error), False
-            hopeless = any(
+            hopeless = not failed and any(
                 row.position_error <= best and ms > factor * row.wall_ms_per_sim_second
                 for factor, better in ((HOPELESS, ours), (BEATEN, rows))
                 for row in better

@@ -4,8 +4,9 @@
     python docs/make.py charts methods                        # these parts, in this order
 
 Parts: `peers` (benchmarks/peers.py, into pbd_warp/accuracy/peers.csv), `charts` (docs/charts.py, with the tables of
-methods.md), `methods` (those tables alone), `atlas` (docs/stability), `gallery`, `pictures` and `stages` (Chromium for
-the view's). What is timed comes first, one at a time on one core; what else runs meanwhile is in its figures.
+methods.md), `methods` (those tables alone), `atlas` (docs/stability), `gallery`, `pictures`, `stages` and `colliders`
+(Chromium for the view's). stage_blender.py, which needs Blender, is not among them. What is timed comes first, one at a
+time on one core; what else runs meanwhile is in its figures.
 """
 
 import os
@@ -30,6 +31,7 @@ PARTS = {
     "gallery": script("docs/gallery.py"),
     "pictures": script("docs/pictures.py"),
     "stages": script("docs/stage_picture.py"),
+    "colliders": script("docs/colliders.py"),
 }
 
 

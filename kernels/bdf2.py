@@ -24,6 +24,7 @@ def predict_bdf2(
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
     dt: Real,  # [s]
+    drag: Real,  # [1/s], as in integrate.py
     history: wp.array[wp.int32],  # [1] 0: there is no step before this one
     u_before: wp.array[Vec3],  # [particle_count] [m]
     v_before: wp.array[Vec3],  # [particle_count] [m/s]
@@ -34,9 +35,15 @@ def predict_bdf2(
         u[i] = dt * v[i]
     elif history[0] == 0:
         u[i] = dt * (v[i] + dt * gravity)
+        if drag > Real(0.0):
+            u[i] = u[i] / (Real(1.0) + drag * dt)
     else:
         inertia = u_before[i] / Real(3.0) + (Real(2.0) * dt / Real(9.0)) * (Real(4.0) * v[i] - v_before[i])
-        u[i] = inertia + (Real(4.0) * dt * dt / Real(9.0)) * gravity
+        free = inertia + (Real(4.0) * dt * dt / Real(9.0)) * gravity
+        if drag > Real(0.0):
+            third = Real(2.0) * drag * dt / Real(3.0)
+            free = (free + (third / Real(3.0)) * u_before[i]) / (Real(1.0) + third)
+        u[i] = free
 
 
 @step_pass

@@ -127,12 +127,24 @@ def begin_bends(piece: wp.int32, bends: Bends, x: wp.array[Any], u: wp.array[Any
 
 
 @wp.func
+def stiffen(piece: wp.int32, p: Particles, bends: Bends):
+    """How firmly bending holds particles that touch something (`find_stiffness` of progress.py)."""
+    for q in range(bends.first[piece], bends.first[piece + 1]):
+        shape = bends.shape[q]
+        across = bends.scale[piece] * shape[0] / (shape[1] * shape[1])
+        for a in range(3):
+            t = bends.tile[q][a]
+            if t >= 0:
+                p.stiffness[t] = p.stiffness[t] + across
+
+
+@wp.func
 def limit_pushes(begin: wp.int32, end: wp.int32, links: Links, bends: Bends, exact: wp.bool):
     """How negative the stiffness of links that push may be: a rod can push, so at first there is no limit."""
     for q in range(begin, end):
         links.softest[q] = bends.softest[q]
         if exact:
-            links.softest[q] = wp.float64(-wp.inf)
+            links.softest[q] = wp.float64(-1.0e300)
 
 
 @wp.func
@@ -281,5 +293,7 @@ def bending_steps(
         if not exact:
             left = left + turn * bent
         responds = weight * scale * shape[0] * a * b
+        # What is this much stiffer than inertia hides it behind its rounding, and what moves as a whole with it.
+        left = left + turn * wp.min(wp.float64(1.0e-16) * responds, one)
         error = wp.max(error, left * wp.min(one, responds) / (relative + tolerance / shape[1]))
     return error

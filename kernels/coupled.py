@@ -16,7 +16,7 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.back import back_pass
-from pbd_warp.kernels.bending_row import begin_bends, bending_steps
+from pbd_warp.kernels.bending_row import begin_bends, bending_steps, stiffen
 from pbd_warp.kernels.eliminate import eliminate_piece
 from pbd_warp.kernels.elimination import back, back_tile, forward, forward_tile
 from pbd_warp.kernels.link_row import SHORT
@@ -114,6 +114,8 @@ def eliminate_pieces(
     number = ports.count[piece]
     short = wp.float64(SHORT) * p.mean_length[piece]
     find_stiffness(begin, end, s, p, links)
+    if bends.first:
+        stiffen(piece, p, bends)
     for port in range(begin, begin + number):
         t = ports.to_tile[port]
         p.stiffness[t] = p.stiffness[t] + ports.stiffness[port]

@@ -3,6 +3,10 @@
 The unknown of a step is the displacement u = p - x, never p itself. In float32 p = x + dt v loses a small
 dt v altogether (at x = 10 m and dt = 1/6000 s a falling particle would never move), and v = (p - x) / dt
 would hand that loss on to the velocity. With u the velocity sees no rounding of the position at all.
+
+A drag of c [1/s], the force -c m v on each free particle, is part of the step's balance, with the velocity that the
+integrator forms from u: so u and the forces' way to it are divided by 1 + c dt here, 1 + c dt/2 in midpoint.py, and
+1 + 2 c dt/3 in bdf2.py, where the displacement before adds (2 c dt/9) u_before. It keeps every integrator's order.
 """
 
 from __future__ import annotations
@@ -48,6 +52,7 @@ def predict(
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
     dt: Real,  # [s]
+    keep: Real,  # what drag leaves of the displacement, 1 without
     # Out:
     v: wp.array[Vec3],  # [particle_count] [m/s]
     u: wp.array[Vec3],  # [particle_count] [m]
@@ -55,7 +60,9 @@ def predict(
     """Lines 5 and 7: v += dt g, u = dt v."""
     if w[i] > Real(0.0):
         v[i] = v[i] + dt * gravity
-    u[i] = dt * v[i]
+        u[i] = keep * (dt * v[i])
+    else:
+        u[i] = dt * v[i]
 
 
 @step_pass

@@ -23,13 +23,14 @@ def predict_midpoint(
     w: wp.array[Real],  # [particle_count] [1/kg]
     # In:
     dt: Real,  # [s], negative in the third step of "midpoint4"
+    keep: Real,  # as in integrate.py
     # Out:
     u: wp.array[Vec3],  # [particle_count] [m]
 ):
     if w[i] == Real(0.0):
         u[i] = dt * v[i]
     else:
-        u[i] = dt * v[i] + (Real(0.5) * dt * dt) * gravity
+        u[i] = keep * (dt * v[i] + (Real(0.5) * dt * dt) * gravity)
 
 
 @step_pass

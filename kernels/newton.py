@@ -30,7 +30,7 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.back import back_pass
-from pbd_warp.kernels.bending_row import begin_bends, bending_steps
+from pbd_warp.kernels.bending_row import begin_bends, bending_steps, stiffen
 from pbd_warp.kernels.eliminate import eliminate_piece
 from pbd_warp.kernels.link_row import SHORT
 from pbd_warp.kernels.pieces import Bends, Links, Matrix, Particles, Points, Schedule, Touching
@@ -93,6 +93,8 @@ def solve_pieces(
         g.used = g.used + 1
         if c.head:
             find_stiffness(begin, end, s, p, links)
+            if bends.first:
+                stiffen(piece, p, bends)
         lagging = (g.used / LAG) % 2 == 1
         eliminate_piece(
             piece, begin, end, s, m, p, links, points, c, bends, g.rigid, mean_gradient, short, g.touch, lagging
@@ -103,6 +105,7 @@ def solve_pieces(
         )  # fmt: skip
         if bends.first:
             left = wp.max(left, bending_steps(piece, m, p, bends, tolerance, relative))
+            touches = touches or bends.exact[piece] == 0  # linear convergence, which takes as long
         g = judge_piece(g, piece, begin, end, m, p, reach, lagging, left, contact, widest, given, switched, touches)
     end_piece(
         g, piece, begin, end, s, p, links, mean_gradient, accepted, accepted_contact, u, iterations_used, unconverged

@@ -1,6 +1,6 @@
 """One source, two precisions, and two ways to run it.
 
-A kernel is written once with the names `Real`, `Vec3`, `Mat33` and `Quat` for its types and literals, and
+A kernel is written once with the names `Real`, `Vec3`, `Vec4`, `Mat33` and `Quat` for its types and literals, and
 `@kernel` builds it twice: `kernel[wp.float32]` and `kernel[wp.float64]`. Both can run in one process.
 `@step_pass` takes a function of an index instead: it too becomes such kernels, which call it for every index, and
 the fused frame (frame.py) calls the same function in a loop of its own.
@@ -21,6 +21,7 @@ import warp as wp
 # What an editor sees; each precision replaces them by the types below.
 Real = wp.float32
 Vec3 = wp.vec3f
+Vec4 = wp.vec4f
 Mat33 = wp.mat33f
 Quat = wp.quatf
 
@@ -30,9 +31,12 @@ BLOCK = wp.constant(2)
 Block = wp.types.vector(6, wp.float32)
 
 PRECISIONS = {
-    wp.float32: {"Real": wp.float32, "Vec3": wp.vec3f, "Mat33": wp.mat33f, "Quat": wp.quatf, "Block": Block},
+    wp.float32: {
+        **{"Real": wp.float32, "Vec3": wp.vec3f, "Vec4": wp.vec4f, "Mat33": wp.mat33f, "Quat": wp.quatf},
+        "Block": Block,
+    },
     wp.float64: {
-        **{"Real": wp.float64, "Vec3": wp.vec3d, "Mat33": wp.mat33d, "Quat": wp.quatd},
+        **{"Real": wp.float64, "Vec3": wp.vec3d, "Vec4": wp.vec4d, "Mat33": wp.mat33d, "Quat": wp.quatd},
         "Block": wp.types.vector(6, wp.float64),
     },
 }

@@ -15,6 +15,7 @@ from pbd_warp.simulation import Simulation
 from pbd_warp.step.divergence import Limits
 from pbd_warp.step.methods import Direct, GaussSeidel, Jacobi
 from pbd_warp.study.study import study
+from pbd_warp.topology import linking_number, writhe
 from pbd_warp.usd.writer import UsdWriter
 from pbd_warp.version import __version__
 
@@ -40,10 +41,17 @@ __all__ = [
     "State",
     "UsdWriter",
     "__version__",
+    "linking_number",
     "load_scene",
     "measure",
     "measure_copies",
     "scene_names",
     "show",
     "study",
+    "writhe",
 ]
+
+
+def __dir__() -> list[str]:
+    """What users need; the modules are there all the same."""
+    return __all__

@@ -23,6 +23,8 @@ class RunStats:
 
     unconverged: Steps that ended above the method's tolerance, None where it has none.
     stretched_frames: Frames that ended with a rigid link more than 10 % off its length: more than the method could do.
+    crossings: How often a link passed through another; None where nobody looked, which runs do where particles or links
+        collide. crossed: The first of these in words, with what helps; None without one.
     retried: Frames that were made again after a failure (`on_failure`).
     wall_s: The whole run [s], compiling included; since it was resumed, if it was.
     real_time_factor: Simulated time over that of simulating it; None of a single frame.
@@ -47,6 +49,8 @@ class RunStats:
     out: str
     unconverged: int | None
     stretched_frames: int
+    crossings: int | None
+    crossed: str | None
     retried: int
     wall_s: float
     real_time_factor: float | None
@@ -68,6 +72,8 @@ class Progress:
     unconverged: int | None
     stretched_frames: int = 0
     wall: float = 0.0
+    crossings: int | None = None
+    crossed: str | None = None
 
     @classmethod
     def of(cls, data: Any) -> Progress:
@@ -84,6 +90,8 @@ class Progress:
         check.whole("stretched_frames", made.stretched_frames, low=0)
         if made.unconverged is not None:
             check.whole("unconverged", made.unconverged, low=0)
+        if made.crossings is not None:
+            check.whole("crossings", made.crossings, low=0)
         for name in ("energy_start", "energy", "max_stretch", "max_residual", "wall"):
             check.number(name, getattr(made, name))
         return made
@@ -98,6 +106,24 @@ class Progress:
         if sim.unconverged is not None:
             self.unconverged = (self.unconverged or 0) + sim.unconverged
         self.wall += seconds
+        if sim.watches_crossings:
+            own = [crossing for crossing in sim.crossings if crossing.frame == sim.frame]
+            self.crossings = (self.crossings or 0) + len(own)
+            if own and self.crossed is None:
+                self.crossed = f"{own[0]}; {crossing_remedy(sim.model)}"
+
+
+def watch(sim: Simulation) -> None:
+    """Look for strands that pass through each other where something is there to keep them apart."""
+    if sim.model.contacts is not None and len(sim.model.distance):
+        sim.watch_crossings()
+
+
+def crossing_remedy(model: Model) -> str:
+    """What keeps strands apart."""
+    if model.contacts and model.contacts.links:
+        return "helps: more substeps, or method 'direct'"
+    return "helps: contacts between links, enable_contacts(links=True)"
 
 
 def provenance(scene: Scene, model: Model) -> dict[str, Any]:

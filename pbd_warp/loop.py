@@ -19,7 +19,7 @@ from pbd_warp.step.copies import CopyMonitor
 from pbd_warp.step.damping import Damper
 from pbd_warp.step.divergence import DivergenceMonitor
 from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS, Explicit, Integrator
-from pbd_warp.step.integrators.second_order import refuse_first_order_features
+from pbd_warp.step.integrators.second_order import refuse_first_order_features, refuse_forces
 from pbd_warp.step.loading import load_modules
 from pbd_warp.step.methods import Direct
 from pbd_warp.step.methods.direct import DirectSolver
@@ -47,7 +47,9 @@ class Loop:
         name = settings.integrator
         if name in EXPLICIT or INTEGRATORS[name].order > 1:
             refuse_first_order_features(settings.integrator, model, settings.damping, settings.depenetration_speed)
-        self.context = context = Context(model, settings.step_dt, settings.depenetration_speed)
+        if name in EXPLICIT:
+            refuse_forces(name, model, settings.drag)
+        self.context = context = Context(model, settings.step_dt, settings.depenetration_speed, settings.drag)
         self.contacts = None
         if model.collides:
             self.contacts = ContactConstraints(context, settings.method.valence(model), settings.max_contacts)
@@ -210,7 +212,7 @@ class Loop:
     def restart(self) -> None:
         """Forget the past: the state has been put somewhere else."""
         self.monitor.restart()
-        for part in (self.integrator, self.solver, self.explicit):
+        for part in (self.integrator, self.solver, self.explicit, self.contacts):
             if part:
                 part.restart()
 

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pbd_warp.model.graph import Span, spans
-from pbd_warp.model.model import Model, masses
-from pbd_warp.settings import Settings
+from pbd_warp.model.model import masses
+from pbd_warp.snapshot import Snapshot
 from pbd_warp.step.divergence import STRETCHED
 from pbd_warp.step.integrators import EXPLICIT, INTEGRATORS, limits
+from pbd_warp.step.methods.bends import folds, softened
 from pbd_warp.step.methods.direct import Direct
 from pbd_warp.step.methods.gauss_seidel import GaussSeidel
 from pbd_warp.step.methods.jacobi import Jacobi
@@ -61,6 +62,7 @@ REMEDIES = {
     "capstan": "use Direct",
     "short_link": "use Direct, or float64",
     "loops": "use more substeps",
+    "bending": "use Direct, or more substeps, and start without folds",
 }
 """What was seen to help against each failure of the atlas, by the name of the check and of the map."""
 
@@ -82,32 +84,6 @@ class PreflightWarning:
 
     def __str__(self) -> str:
         return f"{self.text}: {self.remedy} (test: {self.test})"
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """A simulation at one moment, on the host.
-
-    x, v: float64 [particle_count, 3] [m], [m/s]. w: Inverse masses [1/kg], 0 also for what is held. point_target:
-    [point_count, 3] [m]. overlaps: How deep particles are in colliders, and in which; None where nobody knows.
-    """
-
-    model: Model
-    settings: Settings
-    x: np.ndarray
-    v: np.ndarray
-    w: np.ndarray
-    point_target: np.ndarray
-    overlaps: tuple[np.ndarray, np.ndarray] | None = None
-
-    @property
-    def before(self) -> Snapshot:
-        """Of a simulation that has just failed: where its particles are then says nothing about why, so here they are
-        where they began; but for those that are held, which are where they are led to."""
-        x, v = self.model.x.copy(), self.model.v.copy()
-        held = self.w == 0.0
-        x[held] = np.nan_to_num(self.x[held])
-        return Snapshot(self.model, self.settings, x, v, self.w, self.point_target)
 
 
 def preflight(now: Snapshot) -> list[PreflightWarning]:
@@ -254,6 +230,12 @@ def _spans(now: Snapshot) -> list[Span]:
     return list(spans(model.component, edges.edge[links], edges.rest_length[links], x, held))
 
 
+def _bending(now: Snapshot) -> Iterator[PreflightWarning]:
+    bends, settings = now.model.bending, now.settings
+    for text, severity in (*folds(bends, now.x), *softened(bends, settings.method, settings.step_dt, now.w)):
+        yield PreflightWarning("bending", text, severity)
+
+
 def _unreachable(now: Snapshot) -> Iterator[PreflightWarning]:
     """Particles held further apart than the rigid links between them are long: the worst pair of each piece."""
     worst: dict[int, Span] = {}
@@ -296,5 +278,5 @@ def _rounding(now: Snapshot) -> Iterator[PreflightWarning]:
     yield PreflightWarning("precision", text, rounding / now.settings.error)
 
 
-CHECKS = (_unreachable, _relaxation, _truncation, _sweep_energy, _step, _overlap, _precision)
+CHECKS = (_unreachable, _bending, _relaxation, _truncation, _sweep_energy, _step, _overlap, _precision)
 EXPLICIT_CHECKS = (_unreachable, _explicit_steps, _rounding)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pbd_warp.crossings import Crossing
 from pbd_warp.errors import InputError
 from pbd_warp.forces import Forces, constraint_forces
 from pbd_warp.loop import Loop
@@ -11,6 +12,7 @@ from pbd_warp.model.model import Model, State
 from pbd_warp.settings import Settings
 from pbd_warp.step.context import Context
 from pbd_warp.step.methods.direct import DirectSolver
+from pbd_warp.watch import CrossingWatch
 
 
 class Readings:
@@ -19,9 +21,40 @@ class Readings:
     model: Model
     settings: Settings
     state: State
+    frame: int
     _loop: Loop
     _maker: Loop  # of the last frame: another one's, where it was made again
     _context: Context
+    _watch: CrossingWatch | None = None
+
+    def watch_crossings(self) -> None:
+        """From now on look after every frame whether one strand passed through another (`crossings`)."""
+        self._watch = CrossingWatch(self.model, self.positions.astype(np.float64))
+
+    def _look(self) -> None:
+        if self._watch:
+            self._watch.look(self.positions.astype(np.float64), self.frame)
+
+    def _look_anew(self) -> None:
+        """The particles have been put somewhere else."""
+        if self._watch:
+            self.watch_crossings()
+
+    @property
+    def watches_crossings(self) -> bool:
+        """Whether `watch_crossings` was called."""
+        return self._watch is not None
+
+    @property
+    def crossings(self) -> list[Crossing]:
+        """Every passage of a link's axis through another's since `watch_crossings`, in time.
+
+        Raises:
+            InputError: nobody watches.
+        """
+        if self._watch is None:
+            raise InputError("crossings are looked for only where it is asked for: call watch_crossings() first")
+        return list(self._watch.found)
 
     @property
     def positions(self) -> np.ndarray:
@@ -32,6 +65,16 @@ class Readings:
     def velocities(self) -> np.ndarray:
         """Now [m/s], shape [particle_count, 3], in the precision of the simulation."""
         return self.state.v.numpy().copy()
+
+    @property
+    def dt(self) -> float:
+        """Length of a frame [s]."""
+        return self.settings.dt
+
+    @property
+    def substeps(self) -> int | str:
+        """Steps in a frame, or "auto"."""
+        return self.settings.substeps
 
     @property
     def compile_seconds(self) -> float:
@@ -45,6 +88,15 @@ class Readings:
         if not contacts:
             return np.zeros((0, 2), np.int32)
         return contacts.pair.numpy()[: int(contacts.count.numpy()[0])]
+
+    @property
+    def link_pairs(self) -> np.ndarray:
+        """Of the last step with link contacts, int [contact_count, 2]: two links, or a link and -1 - its collider. A
+        link is a distance, or, counted on, a particle with a radius that no distance has."""
+        contacts = self._loop.contacts
+        if not contacts or not contacts.links:
+            return np.zeros((0, 2), np.int32)
+        return contacts.links.pair.numpy()[: int(contacts.links.count.numpy()[0])]
 
     @property
     def collider_places(self) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from pbd_warp.atomic import clear_hidden, through_links
 from pbd_warp.checkpoint import Checkpoint
 from pbd_warp.cost import too_much
 from pbd_warp.errors import InputError, Interrupted, SimulationFailed
-from pbd_warp.figures import Progress, RunStats, provenance
+from pbd_warp.figures import Progress, RunStats, provenance, watch
 from pbd_warp.grab.controller import Controller, play
 from pbd_warp.grab.drag import Drag
 from pbd_warp.grab.recording import Recording, Replay
@@ -210,6 +210,7 @@ def _make_frames(
             raise InputError(
                 f"checkpoint {checkpoints.path} is of frame {progress.frames}, and {scene.frames} were asked for"
             )
+    watch(sim)
     writer = open_writer(progress.frames or None, identity)
     with report_saved_frames(writer), writer:
         motion = play(sim, controller, scene.frames)
@@ -241,6 +242,8 @@ def _make_frames(
         out=str(out),
         unconverged=progress.unconverged,
         stretched_frames=progress.stretched_frames,
+        crossings=progress.crossings,
+        crossed=progress.crossed,
         retried=sim.retried,
         wall_s=time.perf_counter() - began + compile_seconds,
         real_time_factor=(scene.frames - 1) / scene.fps / progress.wall if progress.wall else None,

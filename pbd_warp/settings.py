@@ -43,6 +43,7 @@ class Settings:
     error: What steps may be off with substeps="auto", metres a second of simulated time; what the motion itself makes
         of that, where it is chaotic, comes on top. 1e-6 unless given.
     damping: k of section 3.5: the fraction of all velocity that is not rigid motion taken away in a frame, 0..1.
+    drag: c of a force -c m v on each free particle [1/s]: takes all velocity, rigid motion too, as air does.
     max_contacts: Room for contacts in one step; 8 a particle and 64 more unless given.
     depenetration_speed: What is wrong with a contact or a distance when a step begins is taken back no faster than
         this [m/s]: overlapping particles part, and a rope pulled too long and let go shrinks, at this speed a
@@ -70,6 +71,7 @@ class Settings:
     integrator: str = "pbd"
     error: float | None = None
     damping: float = 0.0
+    drag: float = 0.0
     max_contacts: int | None = None
     depenetration_speed: float | None = None
     limits: Limits = Limits()  # noqa: RUF009 it is frozen
@@ -90,6 +92,7 @@ class Settings:
             raise unknown("integrator", self.integrator, (*INTEGRATORS, *EXPLICIT))
         self._put_steps(put)
         put("damping", check.number("damping", self.damping, low=0.0, high=1.0))
+        put("drag", check.number("drag", self.drag, low=0.0))
         if self.max_contacts is not None:
             put("max_contacts", check.whole("max_contacts", self.max_contacts, low=1, high=MOST_CONTACTS))
         if self.depenetration_speed is not None:
@@ -253,7 +256,7 @@ def frame_length(name: str, fps: Any) -> float:
 
 
 NAMES = tuple(field.name for field in fields(Settings))
-NEWER = ("grab_acceleration", "grab_speed")
+NEWER = ("drag", "grab_acceleration", "grab_speed")
 """Settings that older files do not have."""
 
 

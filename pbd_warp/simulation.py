@@ -78,11 +78,12 @@ class Simulation(BuiltForSettings, Readings, Playable):
         last = self.frame + check.whole("frames", frames, low=1)
         while self.frame < last:
             moves = self._moved.begin_frame(self.frame)
-            self.frame += self._loop.make_frames(1 if moves else last - self.frame)
+            self.frame += self._loop.make_frames(1 if moves or self._watch else last - self.frame)
             self._maker = self._loop
             failure = self._loop.find_failure()
             if failure is not None:
                 self._recover(failure)
+            self._look()
 
     def _recover(self, failure: Failure) -> None:
         """Make the frame just made again, as the settings say, or raise."""
@@ -108,6 +109,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
             self.point_target.assign(self.model.point.target)
         self.frame = self.retried = 0
         self._maker = self._loop
+        self._look_anew()
         self._loop.restart()
 
     def go_back(self, frame: int, x: np.ndarray, v: np.ndarray, collider_motion: np.ndarray) -> None:
@@ -125,7 +127,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         positions, velocities, grabbed particle and point targets. Integrator and method begin anew."""
         other = self.like(settings, **changes)
         other._take_over(self)
-        other.retried = self.retried
+        other.retried, other._watch = self.retried, self._watch
         return other
 
     def save(self, path: str | Path, extra: Mapping[str, Any] | None = None) -> None:
@@ -171,16 +173,6 @@ class Simulation(BuiltForSettings, Readings, Playable):
     def time(self) -> float:
         """Simulated time [s]."""
         return self.frame * self.settings.dt
-
-    @property
-    def dt(self) -> float:
-        """Length of a frame [s]."""
-        return self.settings.dt
-
-    @property
-    def substeps(self) -> int | str:
-        """Steps in a frame, or "auto"."""
-        return self.settings.substeps
 
     @property
     def point_target(self) -> wp.array | None:
@@ -292,6 +284,7 @@ class Simulation(BuiltForSettings, Readings, Playable):
         self.failures = dict(checkpoint.progress["failures"])
         self._maker = self._loop
         self._moved.restore(memory)
+        self._look_anew()
 
     def _snapshot(self) -> Snapshot:
         x, v, w = (array.numpy().astype(np.float64) for array in (self.state.x, self.state.v, self._context.w))

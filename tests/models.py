@@ -1,5 +1,7 @@
 """Small models that several tests build."""
 
+from itertools import pairwise
+
 import numpy as np
 from pxr import Usd, UsdGeom
 
@@ -30,6 +32,23 @@ def crowd_model(rng, n=30, dtype="float64", joined=True, speed=3.0):
     builder.add_plane((0, -0.6, 0), (0.1, 1, 0), friction=0.3, restitution=0.5)
     builder.add_sphere((0.1, 0.2, 0.0), 0.2, friction=0.2)
     builder.enable_contacts(friction=0.4, restitution=0.7)
+    return builder.finalize(dtype=dtype)
+
+
+def heap_model(rng, ropes=12, length=14, speed=3.0, dtype="float64", **contacts):
+    """Ropes that lie across each other in a small space, some overlapping, a few balls among them."""
+    builder = pbd.ModelBuilder()
+    for _ in range(ropes):
+        turn = rng.normal(size=(length + 1, 3)) * 0.5 + rng.normal(size=3)
+        step = 0.05 * turn / np.linalg.norm(turn, axis=1, keepdims=True)
+        x = np.cumsum(step, axis=0)
+        x += rng.uniform(-0.1, 0.1, 3) - x.mean(axis=0)
+        rope = builder.add_particles(x, rng.normal(size=x.shape) * speed, mass=0.1, radius=rng.uniform(0.01, 0.02))
+        for i, j in pairwise(rope):
+            builder.add_distance(i, j)
+    builder.add_particles(rng.uniform(-0.2, 0.2, (6, 3)), rng.normal(size=(6, 3)) * speed, mass=0.02, radius=0.03)
+    builder.add_particles(rng.uniform(-0.3, 0.3, (3, 3)))  # of no size: nothing touches them
+    builder.enable_contacts(**{"links": True, "friction": 0.3, **contacts})
     return builder.finalize(dtype=dtype)
 
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+import pbd_warp as pbd
+
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"pbd_warp": ROOT / "pbd_warp", "pbd_warp.kernels": ROOT / "kernels", "pbd_warp.scenes": ROOT / "scenes"}
 
@@ -75,6 +77,25 @@ def test_imports_inside_functions_and_for_types_count():
 def test_imports_form_no_cycle():
     assert len(graph()) > 80
     assert cycle(graph()) == []
+
+
+def test_rooms_form_no_cycle():
+    """Scenes apart, which use the public face."""
+
+    def room(module):
+        return module.partition("pbd_warp.")[2].split(".")[0]
+
+    apart, rooms = {"", "scenes"}, {}
+    for name, others in graph().items():
+        if room(name) not in apart:
+            rooms.setdefault(room(name), set()).update({room(other) for other in others} - apart - {room(name)})
+    assert {"view", "player", "drawing", "step", "model"} <= rooms.keys()
+    assert cycle(rooms) == []
+
+
+def test_dir_shows_what_users_need():
+    assert set(dir(pbd)) == set(pbd.__all__)
+    assert all(hasattr(pbd, name) for name in pbd.__all__)
 
 
 def test_kernels_import_nothing_of_ours():

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from models import crowd_model, rope_model, state
+from models import crowd_model, heap_model, rope_model, state
 
 import pbd_warp as pbd
 from pbd_warp import checkpoint
@@ -30,6 +30,7 @@ CASES = {
     "compliant": (lambda **kw: rope_model(compliance=1e-4, **kw), {"method": pbd.Jacobi(5)}),
     "soft": (lambda **kw: rope_model(stiffness=0.5, **kw), {"method": pbd.Jacobi(5), "damping": 0.1}),
     "contacts": (lambda **kw: crowd_model(np.random.default_rng(7), **kw), {"depenetration_speed": 2.0}),
+    "links": (lambda **kw: heap_model(np.random.default_rng(7), ropes=4, **kw), {"max_contacts": 4000}),
     "subdivide": (rope_model, {"method": pbd.Direct(7), "on_failure": "subdivide", "limits": pbd.Limits(5.0, 100.0)}),
     "explicit": (lambda **kw: rope_model(pinned=(), **kw), {"integrator": "dop853"}),
     "uncaptured": (rope_model, {"capture": False}),
@@ -322,7 +323,7 @@ INTEGERS = """
 import sys
 import numpy as np
 import pbd_warp as pbd
-from models import crowd_model, rope_model, state
+from models import crowd_model, heap_model, rope_model, state
 from test_checkpoint import put, rewritten
 
 cases = [(rope_model(), {"method": pbd.Direct(7, tolerance=1e-6)}), (rope_model(), {"integrator": "bdf2"}),

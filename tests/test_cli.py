@@ -62,7 +62,17 @@ def test_run_writes_the_file_the_table_and_the_stats(tmp_path):
     assert list(stats) == [
         *["scene", "device", "dtype", "method", "integrator", "substeps", "iterations", "frames", "compile_s"],
         *["wall_ms_per_frame", "max_stretch", "max_residual", "energy_start", "energy_end", "particles"],
-        *["constraints", "out", "unconverged", "stretched_frames", "retried", "wall_s", "real_time_factor"],
+        *[
+            "constraints",
+            "out",
+            "unconverged",
+            "stretched_frames",
+            "crossings",
+            "crossed",
+            "retried",
+            "wall_s",
+            "real_time_factor",
+        ],
     ]
     given = {"scene": "rope", "dtype": "float64", "method": "jacobi", "integrator": "pbd", "substeps": 8}
     given |= {"iterations": 3, "frames": 20, "particles": 21, "constraints": 21, "out": "r.usda", "unconverged": None}

@@ -140,10 +140,10 @@ def test_accelerate_moves_only_what_has_mass(real):
 def test_predict(real):
     v = np.array([[1.0, 0, 0], [0, 0, 0], [0, 2, 0]])
     w = np.array([1.0, 0.0, 0.0])
-    v_new, u = run(predict, real, 3, vec(REALS[real])(0.0, -8.0, 0.0), w, 0.25, v, np.zeros((3, 3)))[-2:]
-    # One falls, one is fixed and rests, one is fixed and led: nothing changes its velocity.
+    v_new, u = run(predict, real, 3, vec(REALS[real])(0.0, -8.0, 0.0), w, 0.25, 0.5, v, np.zeros((3, 3)))[-2:]
+    # One falls, half as far by drag, one is fixed and rests, one is fixed and led: nothing changes its velocity.
     np.testing.assert_array_equal(v_new, [[1, -2, 0], [0, 0, 0], [0, 2, 0]])
-    np.testing.assert_array_equal(u, [[0.25, -0.5, 0], [0, 0, 0], [0, 0.5, 0]])
+    np.testing.assert_array_equal(u, [[0.125, -0.25, 0], [0, 0, 0], [0, 0.5, 0]])
 
 
 @both_precisions

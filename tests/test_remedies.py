@@ -75,6 +75,10 @@ CELLS = {
     "cradle": (("jacobi, balls touch", 5, 4), {"gaps wider": ("jacobi, gaps of 20 mm", 5, 4)}),
     "coincident": (("a chain, jacobi", 32, 1), {"more iterations": ("a chain, jacobi", 32, 64)}),
     "capstan": (("gauss-seidel, 64 steps of 1", 0.3, 0.6), {"Direct": ("direct, 4 steps a frame", 0.3, 0.6)}),
+    "bending": (
+        ("gauss-seidel (20)", 1.0, 1),
+        {"Direct": ("direct", 1.0, 1), "more substeps": ("gauss-seidel (20)", 1.0, 64)},
+    ),
     "short_link": (
         ("gauss-seidel (20), float64", 1e-4, 4),
         {"Direct": ("direct, float64", 1e-4, 4), "float32 too": ("direct, float32", 1e-4, 4)},

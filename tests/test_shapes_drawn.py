@@ -8,11 +8,11 @@ from meshes import torus
 from pxr import Usd, UsdGeom
 
 import pbd_warp as pbd
+from pbd_warp.drawing.surroundings import describe
 from pbd_warp.model.rotation import quaternion, rotate
 from pbd_warp.player.render import Renderer
 from pbd_warp.run import run
 from pbd_warp.scene import Scene
-from pbd_warp.view.surroundings import describe
 
 
 def all_shapes():

@@ -49,7 +49,7 @@ def test_the_page_is_served_and_nothing_else():
             assert headers["X-Content-Type-Options"] == "nosniff"
             wanted = re.findall(rb'(?:src|href)="([^":]+)"', body)
             assert wanted == [b"style.css", b"view.js", b"save/clip.usdc", b"save/drags.json"]
-            for path in (module.PAGE).iterdir():
+            for path in module.FILES.values():
                 status, headers, body = await asyncio.to_thread(fetch, path.name)
                 assert (status, body) == (200, path.read_bytes())
             for path in (
@@ -74,7 +74,7 @@ def test_the_page_is_served_and_nothing_else():
 
 def test_the_page_needs_no_network():
     """No file of the page names another place, but for the name of a kind of XML."""
-    for path in module.PAGE.iterdir():
+    for path in module.FILES.values():
         text = path.read_text().replace('"http://www.w3.org/2000/svg"', "")
         assert not re.search(r"https?://|\bfrom ['\"](?!\./)|@import|\burl\(", text), path
 

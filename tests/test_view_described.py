@@ -7,10 +7,10 @@ import pytest
 from sessions import open_scene
 
 import pbd_warp as pbd
+from pbd_warp.drawing.surroundings import describe
 from pbd_warp.view import messages as say
 from pbd_warp.view.remedies import remedies
 from pbd_warp.view.report import description, status
-from pbd_warp.view.surroundings import describe
 
 
 @pytest.mark.parametrize("name", pbd.scene_names())

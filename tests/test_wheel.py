@@ -36,11 +36,11 @@ def test_contents(wheel):
     assert len(names) == len(set(names))
     assert all(name.startswith("pbd_warp/") for name in names)
     expected = {f"pbd_warp/{p.relative_to(ROOT / 'pbd_warp')}" for p in (ROOT / "pbd_warp").rglob("*.py")}
-    expected |= {f"pbd_warp/{p.relative_to(ROOT)}" for k in ("kernels", "scenes") for p in (ROOT / k).glob("*.py")}
+    expected |= {f"pbd_warp/{p.relative_to(ROOT)}" for k in ("kernels", "scenes") for p in (ROOT / k).rglob("*.py")}
     expected |= {
         f"pbd_warp/accuracy/charts/{p.name}" for p in (ROOT / "pbd_warp" / "accuracy" / "charts").glob("*.csv")
     }
-    for room in ("player", "view"):
+    for room in ("drawing", "player", "view"):
         expected |= {f"pbd_warp/{room}/page/{p.name}" for p in (ROOT / "pbd_warp" / room / "page").iterdir()}
     assert set(names) == expected | {"pbd_warp/py.typed"}
 

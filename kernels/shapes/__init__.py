@@ -70,14 +70,14 @@ def entry(kind: wp.int32, size: Vec3, id: wp.uint64, radius: Real, reach: Real, 
         return start, Vec3()
     at = start
     slope = wp.dot(n, move)
-    if d <= radius and slope < zero:
+    close = Real(CLOSE) * (radius + far)
+    if d - radius <= close and slope < zero:
         return start - d * n, n
     if kind == MESH and d > zero and d <= radius:
         radius = wp.min(radius, Real(0.5) * d)  # touching a face, it may leave through another one
     if d > radius and d - radius < far:
         gone = zero
         left = int(MOST_ADVANCES)
-        close = Real(CLOSE) * (radius + far)
         while left > 0:
             left = left - 1
             if kind == MESH:

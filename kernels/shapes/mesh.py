@@ -83,10 +83,9 @@ def mesh(size: Vec3, id: wp.uint64, reach: Real, s: Vec3):
     zero = Real(0.0)
     point = wp.vec3f(wp.float32(s[0]), wp.float32(s[1]), wp.float32(s[2]))
     closed = size[0] > zero
-    far = reach
-    if closed and wp.length(s) < size[2]:
-        far = wp.max(reach, size[1])  # or who is deep inside would find nothing
-    query = wp.mesh_query_point_no_sign(id, point, wp.float32(far))
+    query = wp.mesh_query_point_no_sign(id, point, wp.float32(reach))
+    if not query.result and closed and wp.length(s) < size[2]:
+        query = wp.mesh_query_point_no_sign(id, point, wp.float32(size[1]))  # it may be deep inside
     if not query.result:
         return reach, Vec3()
     a = corner(id, 3 * query.face)

@@ -9,6 +9,10 @@ from scipy.linalg import solve_banded
 from scipy.optimize import brentq
 from scipy.special import ellipj
 
+from pbd_warp.accuracy.rods import clamped, elastica, frequencies, mode, on_clamp
+
+__all__ = ["clamped", "elastica", "frequencies", "mode", "on_clamp"]
+
 # Root-finding to the last bits: brentq's smallest relative tolerance, and an absolute one that never decides.
 ROOT = {"xtol": 1e-300, "rtol": 4 * np.finfo(float).eps, "maxiter": 1000}
 

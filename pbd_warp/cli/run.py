@@ -190,6 +190,10 @@ def table(stats: RunStats) -> str:
     }
     if stats.stretched_frames:
         rows["stretched"] = f"{stats.stretched_frames} frames in which a link was more than 10 % off its length"
+    if stats.crossings is not None:
+        rows["strands"] = "no strand passed through another"
+        if stats.crossings:
+            rows["strands"] = f"passed through each other {stats.crossings} times, first {stats.crossed}"
     if stats.unconverged is not None:
         rows["converged"] = f"all but {stats.unconverged} steps" if stats.unconverged else "every step"
     if stats.retried:

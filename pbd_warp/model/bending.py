@@ -45,16 +45,30 @@ class BendingSet:
         t1, t2 = directions(x, self.triple)
         return np.asarray(2.0 * np.cross(t1, t2) / (1.0 + np.sum(t1 * t2, axis=1))[:, None])
 
-    def curvature(self, x: np.ndarray) -> np.ndarray:
-        """|kb| / l of every triple [1/m], float64 [bending_count]."""
-        return np.asarray(np.linalg.norm(self.binormal(x), axis=1) / self.length)
-
     def energy(self, x: np.ndarray) -> np.ndarray:
         """E of every triple [J], float64 [bending_count], the tip of the cone rounded (kernels/bending.py)."""
         square = np.sum(self.binormal(x) ** 2, axis=1)
         r = np.where(self.rest > 0.0, ROUNDED, 0.0)
         off = np.sqrt(square + r * self.rest**2) - np.sqrt(1.0 + r) * self.rest
         return np.asarray(0.5 * (1.0 + r) * self.stiffness / self.length * off**2)
+
+    def force(self, x: np.ndarray) -> np.ndarray:
+        """On every particle [N], float64 [particle_count, 3]: minus the gradient of all energy."""
+        e = np.diff(x[self.triple], axis=1)
+        size = np.maximum(np.linalg.norm(e, axis=2, keepdims=True), 1e-300)
+        t1, t2 = np.moveaxis(e / size, 1, 0)
+        c = np.sum(t1 * t2, axis=1, keepdims=True)
+        square = 4.0 * (1.0 - c) / (1.0 + c)
+        rest = self.rest[:, None]
+        r = np.where(rest > 0.0, ROUNDED, 0.0)
+        cone = np.sqrt(np.maximum(square + r * rest**2, 1e-300))
+        slope = -4.0 * (1.0 + r) * (1.0 - np.sqrt(1.0 + r) * rest / cone) / (1.0 + c) ** 2
+        slope *= (self.stiffness / self.length)[:, None]
+        along1, along2 = slope * (t2 - c * t1) / size[:, 0], slope * (t1 - c * t2) / size[:, 1]
+        out = np.zeros_like(x)
+        for particle, each in zip(self.triple.T, (along1, along2 - along1, -along2), strict=True):
+            np.add.at(out, particle, each)
+        return out
 
     def folded(self, x: np.ndarray) -> np.ndarray:
         """Of which triples kb is singular, as numbers of them: links that fold back, or have no length."""

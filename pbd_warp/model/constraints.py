@@ -67,3 +67,24 @@ def check_softness(name: str, stiffness: np.ndarray, compliance: np.ndarray) -> 
     both = np.flatnonzero((stiffness < 1.0) & (compliance > 0.0))
     if both.size:
         raise InputError(f"{name} has a stiffness below 1 and a compliance above 0: give it one of the two")
+
+
+def check_capsules(distance: DistanceSet, radius: np.ndarray) -> None:
+    """Whether distances can be capsules of their particles' radii, which link contacts take them to be."""
+    of_ends = radius[distance.edge]
+    none = np.flatnonzero(np.any(of_ends == 0.0, axis=1))
+    if none.size:
+        i, j = distance.edge[none[0]]
+        raise InputError(
+            f"the link of particles {i} and {j} has a radius of 0, and links that collide have a thickness: "
+            "give its particles a radius"
+        )
+    thick = of_ends.sum(axis=1)
+    stout = np.flatnonzero(thick > distance.rest_length)
+    if stout.size:
+        k = stout[0]
+        i, j = distance.edge[k]
+        raise InputError(
+            f"the link of particles {i} and {j} is {thick[k]:.3g} m thick and {distance.rest_length[k]:.3g} m long, "
+            "and links that collide are taken to be longer than thick: use fewer points, or a smaller radius"
+        )

@@ -14,7 +14,7 @@ from pbd_warp.kernels.shapes import KINDS, MESH
 from pbd_warp.model.bending import BendingSet, lengths_of
 from pbd_warp.model.builder import DTYPES
 from pbd_warp.model.colliders import Colliders
-from pbd_warp.model.constraints import DistanceSet, PointSet, check_softness
+from pbd_warp.model.constraints import DistanceSet, PointSet, check_capsules, check_softness
 from pbd_warp.model.graph import components
 from pbd_warp.model.meshes import checked_mesh
 from pbd_warp.model.model import Contacts, Model
@@ -30,11 +30,15 @@ def flat_arrays(model: Model) -> Iterator[tuple[str, np.ndarray]]:
             continue  # as files of a time before it are
         if is_dataclass(value):
             for inner in fields(value):
+                if field.name == "contacts" and inner.name == "links":
+                    continue
                 yield f"{field.name}.{inner.name}", np.asarray(getattr(value, inner.name))
         elif isinstance(value, np.ndarray):
             yield field.name, value
     yield "ropes", np.concatenate([np.zeros(0, np.int32), *model.ropes])
     yield "rope_lengths", np.array([len(rope) for rope in model.ropes], int)
+    if model.contacts and model.contacts.links:
+        yield "contacts.links", np.array(1)
     if model.copy_count > 1:
         yield "copy_count", np.array(model.copy_count)
 
@@ -91,7 +95,14 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
     bending = _bending(flat, take, in_range, distance)
     contacts = None
     if "contacts.friction" in flat:
-        contacts = Contacts(float(within("contacts.friction", ())), float(within("contacts.restitution", (), 1.0)))
+        contacts = Contacts(
+            float(within("contacts.friction", ())),
+            float(within("contacts.restitution", (), 1.0)),
+            "contacts.links" in flat and bool(take("contacts.links", (), np.int64)),
+        )
+    radius = within("radius", (n,))
+    if contacts and contacts.links:
+        check_capsules(distance, radius)
     lengths = take("rope_lengths", (rows("rope_lengths"),), np.int64)
     along = in_range("ropes", (rows("ropes"),), n)
     if np.any(lengths < 1) or lengths.sum() != len(along):
@@ -104,7 +115,7 @@ def model_from(arrays: Mapping[str, np.ndarray], device: Any, dtype: str) -> Mod
         x=take("x", (n, 3)),
         v=take("v", (n, 3)),
         w=within("w", (n,)),
-        radius=within("radius", (n,)),
+        radius=radius,
         distance=distance,
         point=point,
         bending=bending,

@@ -41,6 +41,15 @@ def reach(links: dict[int, list[tuple[int, float]]], start: int, held: np.ndarra
     return found
 
 
+def neighbours(edge: np.ndarray, particle_count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Adjacency of a graph: the neighbours of i are neighbour[start[i]:start[i + 1]], and which[k] is the edge that
+    leads to neighbour[k]."""
+    both = np.concatenate([edge, edge[:, ::-1]])
+    order = np.argsort(both[:, 0], kind="stable")
+    start = np.searchsorted(both[order, 0], np.arange(particle_count + 1))
+    return start, both[order, 1], order % max(len(edge), 1)
+
+
 @dataclass(frozen=True)
 class Span:
     """A rope of rigid links from one held particle to another, and how far they are apart [m]."""

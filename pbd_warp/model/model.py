@@ -15,10 +15,14 @@ from pbd_warp.model.constraints import DistanceSet, PointSet
 
 @dataclass(frozen=True)
 class Contacts:
-    """Particle-particle contact: Coulomb friction and restitution of all pairs."""
+    """Contact of particles, or of links: Coulomb friction and restitution of all pairs.
+
+    links: Between capsules, which links are then, and particles that no link has.
+    """
 
     friction: float
     restitution: float
+    links: bool = False
 
 
 def masses(w: np.ndarray) -> np.ndarray:

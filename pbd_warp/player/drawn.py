@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from pbd_warp.drawing.solids import DrawnSolid, drawn_solids
+from pbd_warp.drawing.surroundings import EDGE_WIDTH, FLAT, ROPE_WIDTH, UPRIGHT, plane_polygons, wall
 from pbd_warp.kernels.shapes import PLANE, SPHERE
 from pbd_warp.model.model import Model
 from pbd_warp.usd.surroundings import flattest_axis
 from pbd_warp.usd.writer import loose_edges, shown_widths
-from pbd_warp.view.solids import DrawnSolid, drawn_solids
-from pbd_warp.view.surroundings import EDGE_WIDTH, FLAT, ROPE_WIDTH, UPRIGHT, plane_polygons, wall
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Drawn:
 
     def around(self, x: np.ndarray) -> dict[str, Any]:
         """Everything about a motion x [frame_count, particle_count, 3] that the page's drawing wants to know once,
-        ready for JSON: what `pbd_warp.view.surroundings.describe` gives, for the box that the motion stays in."""
+        ready for JSON: what `pbd_warp.drawing.surroundings.describe` gives, for the box that the motion stays in."""
         reach = self.radius[:, None]
         low = (x - reach).min(axis=(0, 1)).astype(np.float64)
         high = (x + reach).max(axis=(0, 1)).astype(np.float64)

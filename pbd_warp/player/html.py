@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-PACKAGES = ("pbd_warp.player", "pbd_warp.view")
-"""Whose folders page/ modules are looked for in: what draws is the live view's."""
+PACKAGES = ("pbd_warp.player", "pbd_warp.drawing")
+"""Whose folders page/ modules are looked for in: what draws is the same as in the live view."""
 
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:class|function|const) (\w+))", re.MULTILINE)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from pxr import Tf, Usd, UsdGeom
 
+from pbd_warp.drawing.surroundings import ROPE_WIDTH
 from pbd_warp.errors import InputError
 from pbd_warp.player.drawn import Drawn
 from pbd_warp.player.motion import Motion
-from pbd_warp.view.surroundings import ROPE_WIDTH
 
 PIECES = 4
 """Straight pieces that a span of a cubic curve is drawn with."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pbd_warp.errors import unknown
+from pbd_warp.stability.bending_map import BENDING
 from pbd_warp.stability.contact_maps import COINCIDENT, CRADLE, OVERLAP, SPEED, UNREACHABLE
 from pbd_warp.stability.direct_maps import CAPSTAN, LOOPS, SHORT_LINK
 from pbd_warp.stability.map import Axis, Boundary, Map, Panel
@@ -26,7 +27,7 @@ MAPS: dict[str, Map] = {
     for made in (
         *(RELAXED, STAR, OVERCONSTRAINED, SWEEP_NUMBER, CHEBYSHEV, CHAIN_LENGTH, MASS_RATIO),
         *(STEP, SWEEP_ENERGY, DRAG, PRECISION, SPEED, OVERLAP, UNREACHABLE, CRADLE, COINCIDENT),
-        *(CAPSTAN, SHORT_LINK, LOOPS),
+        *(CAPSTAN, SHORT_LINK, LOOPS, BENDING),
     )
 }
 

@@ -22,6 +22,7 @@ class ColliderShapes:
 
     Attributes:
         friction, restitution: Of each collider, on the device.
+        plain: Of planes and spheres at rest, on the device: number, kind, centre, normal, radius; none: empty.
         shapes: Their numbers, int [shape_count].
         moving: Whether any may move.
     """
@@ -33,14 +34,14 @@ class ColliderShapes:
         self.friction = upload("collider.friction", c.friction)
         self.restitution = upload("collider.restitution", c.restitution)
         plain = (c.kind <= SPHERE) & (c.moves == 0)
-        self._plain = np.flatnonzero(plain)
+        self.plain: tuple[wp.array, ...] = ()
         self.shapes = np.flatnonzero(~plain)
         self.moving = bool(np.any(c.moves))
         self._start: tuple[wp.array, ...] = ()
         self._state: tuple[wp.array, ...] = ()
-        if len(self._plain):
-            some = self._plain
-            self._plain_arrays = (
+        if plain.any():
+            some = np.flatnonzero(plain)
+            self.plain = (
                 upload("collider.number", some, wp.int32),
                 upload("collider.kind", c.kind[some], wp.int32),
                 upload("collider.centre", c.centre[some], context.vec3),
@@ -69,11 +70,11 @@ class ColliderShapes:
         n = context.model.particle_count
         count, pair, normal, gap, carried, valence = found
         state = (context.state.x, context.w, context.u)
-        if len(self._plain):
+        if self.plain:
             context.launch(
                 find_collider_contacts,
                 n,
-                *(*self._plain_arrays, radius, margin, depenetration, *state),
+                *(*self.plain, radius, margin, depenetration, *state),
                 *(count, pair, normal, gap, valence),
             )
         if len(self.shapes):

@@ -44,6 +44,7 @@ class Context:
 
     Attributes:
         dt: Length of a step [s].
+        drag: c of the force -c m v on what is free [1/s].
         depenetration_speed: What is wrong when a step begins is taken back no faster [m/s]; None: at once.
         launch: Launches kernels.
         state: Positions x [m] and velocities v [m/s].
@@ -55,12 +56,14 @@ class Context:
         fixed: Names of those that hold numbers of particles and the like, which never change.
     """
 
-    def __init__(self, model: Model, dt: float, depenetration_speed: float | None = None):
+    def __init__(self, model: Model, dt: float, depenetration_speed: float | None = None, drag: float = 0.0):
         self.model = model
         self.dt = dt
+        self.drag = drag
         self.depenetration_speed = depenetration_speed
         self.real, self.vec3 = model.real, PRECISIONS[model.real]["Vec3"]
-        self.mat33, self.quat = PRECISIONS[model.real]["Mat33"], PRECISIONS[model.real]["Quat"]
+        types = PRECISIONS[model.real]
+        self.vec4, self.mat33, self.quat = types["Vec4"], types["Mat33"], types["Quat"]
         self.launch = Launcher(model.device, model.real)
         self.arrays: dict[str, wp.array] = {}
         self.fixed: set[str] = set()

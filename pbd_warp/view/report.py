@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pbd_warp.cost import cost_sheet
+from pbd_warp.drawing.surroundings import describe
 from pbd_warp.errors import InputError
 from pbd_warp.measure import measure
 from pbd_warp.scene import scene_parameters, scene_summary, scene_text
@@ -17,7 +18,6 @@ from pbd_warp.step.methods import METHODS
 from pbd_warp.view.changes import CHANGES, in_force
 from pbd_warp.view.remedies import remedies
 from pbd_warp.view.session import Session
-from pbd_warp.view.surroundings import describe
 
 
 def description(session: Session) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from typing import Any
 
 from aiohttp import WSMsgType, web
 
+from pbd_warp import drawing
 from pbd_warp.errors import InputError
 from pbd_warp.step import loading
 from pbd_warp.view import messages as say
@@ -28,9 +29,9 @@ from pbd_warp.view.session import Session
 from pbd_warp.view.shortage import Shortage
 from pbd_warp.view.turn import Outcome, clip_of, take_turn, what_takes_long
 
-PAGE = Path(__file__).parent / "page"
+ROOMS = (Path(__file__).parent, Path(drawing.__file__).parent)
 TYPES = {".html": "text/html", ".js": "text/javascript", ".css": "text/css"}
-FILES = {path.name: path for path in PAGE.iterdir() if path.suffix in TYPES}
+FILES = {path.name: path for room in ROOMS for path in (room / "page").iterdir() if path.suffix in TYPES}
 HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; "

@@ -11,7 +11,9 @@ import warp as wp
 from pbd_warp.kernels.bounce import bounce, count_active
 from pbd_warp.kernels.contact import find_close_contacts, find_contacts, note_overflow, project_contact, sweep_midpoints
 from pbd_warp.kernels.jacobi import add_corrections
+from pbd_warp.model.graph import neighbours
 from pbd_warp.step.colliders import ColliderShapes
+from pbd_warp.step.constraints.link_contact import LinkContacts
 from pbd_warp.step.context import Context, Stage
 
 MARGIN = 0.05
@@ -46,7 +48,7 @@ class ContactConstraints:
         self.valence = context.allocate("contact.valence", model.particle_count, wp.int32)
         n = model.particle_count
         self.colliders = ColliderShapes(context)
-        self.pairs = model.contacts is not None
+        self.pairs = model.contacts is not None and not model.contacts.links
         self.capacity = room_for_contacts(n, max_contacts)
         self.radius = context.upload("contact.radius", model.radius)
         self.count = context.allocate("contact.count", 1, wp.int32)
@@ -55,7 +57,8 @@ class ContactConstraints:
         self.gap = context.allocate("contact.gap", self.capacity, context.real)
         self.lam = context.allocate("contact.lam", self.capacity, context.real)
         self.lam_friction = None
-        if np.any(model.colliders.friction > 0.0) or (model.contacts and model.contacts.friction > 0.0):
+        has_friction = np.any(model.colliders.friction > 0.0) or (model.contacts and model.contacts.friction > 0.0)
+        if has_friction:
             self.lam_friction = context.allocate("contact.lam_friction", self.capacity, context.vec3)
         self.carried = None
         if self.colliders.moving:
@@ -71,9 +74,20 @@ class ContactConstraints:
             self.depenetration = context.depenetration_speed * context.dt
         self.resting = RESTING_STEPS * float(np.linalg.norm(model.gravity)) * context.dt
 
+        self.links: LinkContacts | None = None
+        if model.contacts and model.contacts.links:
+            self.links = LinkContacts(
+                context,
+                self.capacity,
+                self.radius,
+                self.depenetration,
+                self.resting,
+                self.colliders,
+                bool(has_friction),
+            )
         self.neighbour_start = self.neighbour = None
         if self.pairs and len(model.distance):
-            start, neighbour = neighbours(model.distance.edge, n)
+            start, neighbour, _ = neighbours(model.distance.edge, n)
             self.neighbour_start = context.upload("contact.neighbour_start", start, wp.int32)
             self.neighbour = context.upload("contact.neighbour", neighbour, wp.int32)
         self.grid = None
@@ -86,6 +100,11 @@ class ContactConstraints:
             self.grid.reserve(n)
             self.midpoint = context.allocate("contact.midpoint", n, context.vec3)
             self.sweep = context.allocate("contact.sweep", n, context.real)
+
+    def restart(self) -> None:
+        """Forget which links pushed each other, and from which side."""
+        if self.links:
+            self.links.lam.zero_()
 
     def find(self) -> None:
         """Line 8: generateCollisionConstraints(x -> p)."""
@@ -119,8 +138,13 @@ class ContactConstraints:
             )
         self.colliders.find(MARGIN, self.depenetration, self.radius, (*self.found, self.carried, self.valence))
         launch(note_overflow, 1, self.count, self.capacity, context.diverged)
+        if self.links:
+            self.links.find(self.valence)
+            launch(note_overflow, 1, self.links.count, self.capacity, context.diverged)
 
     def begin(self, stage: Stage) -> None:
+        if self.links:
+            self.links.begin()
         self._context.launch.zero(self.lam)
         if self.lam_friction is not None:
             self._context.launch.zero(self.lam_friction)
@@ -143,6 +167,8 @@ class ContactConstraints:
             *(context.state.x, context.w, *self.found, self.carried, u, valence, relaxation),
             *(self.lam, self.lam_friction, residual, correction),
         )
+        if self.links:
+            self.links.project(u, valence, relaxation, residual, correction)
 
     def collider_overlaps(self) -> tuple[np.ndarray, np.ndarray]:
         """How deep each particle is now in colliders (see `ColliderShapes.overlaps`)."""
@@ -154,6 +180,8 @@ class ContactConstraints:
         launch = context.launch
         launch.zero(self.active)
         launch(count_active, self.capacity, self.count, self.pair, self.lam, self.active)
+        if self.links:
+            self.links.count_active(self.active)
         launch(
             bounce,
             self.capacity,
@@ -162,6 +190,8 @@ class ContactConstraints:
             *(self.count, self.pair, self.normal, self.carried, self.lam, self.v_before, self.active),
             self.dv,
         )
+        if self.links:
+            self.links.bounce(self.v_before, self.active, self.dv)
         launch(add_corrections, len(self.dv), None, self.dv, context.state.v)
         self.colliders.advance()
 
@@ -169,11 +199,3 @@ class ContactConstraints:
 def room_for_contacts(particle_count: int, max_contacts: int | None) -> int:
     """How many contacts there can be in one step."""
     return max_contacts or CONTACTS_PER_PARTICLE * particle_count + 64
-
-
-def neighbours(edge: np.ndarray, particle_count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Adjacency of a graph: the neighbours of i are neighbour[start[i]:start[i + 1]]."""
-    both = np.concatenate([edge, edge[:, ::-1]])
-    order = np.argsort(both[:, 0], kind="stable")
-    start = np.searchsorted(both[order, 0], np.arange(particle_count + 1))
-    return start, both[order, 1]

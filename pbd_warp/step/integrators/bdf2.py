@@ -24,8 +24,10 @@ class BDF2:
         self._history = context.allocate("bdf2.history", 1, wp.int32)
         self._u_before = context.allocate("bdf2.u_before", count, context.vec3)
         self._v_before = context.allocate("bdf2.v_before", count, context.vec3)
-        # 1 / dt^2 in the first step, 9 / (4 dt^2) after it.
-        self._first_scale = 1.0 / context.dt**2
+        # 1 / dt^2 in the first step, 9 / (4 dt^2) after it; but for drag.
+        slow = context.drag * context.dt
+        self._first_scale = (1.0 + slow) / context.dt**2
+        self._later_scale = 9.0 / 4.0 * ((1.0 + 2.0 / 3.0 * slow) / context.dt**2)
         self._scale = context.upload("compliance_scale", [self._first_scale])
         self.stages = [Stage(context.dt, self._scale)]
 
@@ -35,7 +37,7 @@ class BDF2:
         context.launch(
             predict_bdf2,
             len(context.u),
-            *(context.gravity, context.state.v, context.w, stage.dt),
+            *(context.gravity, context.state.v, context.w, stage.dt, context.drag),
             *(self._history, self._u_before, self._v_before, context.u),
         )
 
@@ -48,7 +50,7 @@ class BDF2:
             *(context.w, context.u, stage.dt, self._history),
             *(self._u_before, self._v_before, context.state.x, context.state.v, context.diverged),
         )
-        context.launch(remember, 1, 9.0 / 4.0 * self._first_scale, self._history, self._scale)
+        context.launch(remember, 1, self._later_scale, self._history, self._scale)
 
     def restart(self) -> None:
         """The next step is the first."""

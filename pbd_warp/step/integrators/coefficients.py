@@ -41,11 +41,6 @@ class Tableau:
         e = np.vstack([self.e5, self.e3])
         return e @ self.a + e
 
-    def growth(self, z: complex) -> complex:
-        """What one step of y' = z y makes of y = 1."""
-        one = np.ones(len(self.b))
-        return complex(1.0 + z * (self.b @ np.linalg.solve(np.eye(len(self.b)) - z * self.a, one)))
-
 
 def _rows(*rows: dict[int, float]) -> np.ndarray:
     a = np.zeros((len(rows), len(rows)))

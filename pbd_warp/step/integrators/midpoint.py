@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pbd_warp.errors import InputError
 from pbd_warp.kernels.midpoint import predict_midpoint, update_midpoint
 from pbd_warp.step.context import Context, Stage
 
@@ -21,10 +22,19 @@ class Midpoint:
     def __init__(self, context: Context, damped: bool = False):
         self._context = context
         before = (*self.composition[-1:], *self.composition)  # the first stage comes after the last of one step ago
+        slowed = [1.0 + 0.5 * context.drag * length * context.dt for length in self.composition]
+        if min(slowed) < 0.5:
+            raise InputError(
+                f"a drag of {context.drag:g} 1/s is too much for a step of {context.dt:.3g} s, part of which goes back "
+                "in time: use shorter steps, or integrator 'midpoint'"
+            )
+        self._keep = {length * context.dt: 1.0 / slow for length, slow in zip(self.composition, slowed, strict=True)}
         self.stages = [
             Stage(
                 dt=length * context.dt,
-                compliance_scale=context.upload(f"compliance_scale.{number}", [2.0 / (length * context.dt) ** 2]),
+                compliance_scale=context.upload(
+                    f"compliance_scale.{number}", [slowed[number] * (2.0 / (length * context.dt) ** 2)]
+                ),
                 lam_scale=(length / before[number]) ** 2,
                 mean_gradient=True,
             )
@@ -35,7 +45,9 @@ class Midpoint:
         """Lines 5 and 7."""
         context = self._context
         context.launch(
-            predict_midpoint, len(context.u), context.gravity, context.state.v, context.w, stage.dt, context.u
+            predict_midpoint,
+            len(context.u),
+            *(context.gravity, context.state.v, context.w, stage.dt, self._keep[stage.dt], context.u),
         )
 
     def update(self, stage: Stage) -> None:

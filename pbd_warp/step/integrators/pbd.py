@@ -21,12 +21,15 @@ class PBD:
     def __init__(self, context: Context, damped: bool = False):
         self._context = context
         self._gravity = context.vec3() if damped else context.gravity
-        self.stages = [Stage(context.dt, context.upload("compliance_scale", [1.0 / context.dt**2]))]
+        slowed = 1.0 + context.drag * context.dt
+        self._keep = 1.0 / slowed
+        self.stages = [Stage(context.dt, context.upload("compliance_scale", [slowed / context.dt**2]))]
 
     def predict(self, stage: Stage) -> None:
         """Lines 5 and 7."""
         context = self._context
-        context.launch(predict, len(context.u), self._gravity, context.w, stage.dt, context.state.v, context.u)
+        v, u = context.state.v, context.u
+        context.launch(predict, len(u), self._gravity, context.w, stage.dt, self._keep, v, u)
 
     def update(self, stage: Stage) -> None:
         """Lines 12-15."""

@@ -1,4 +1,4 @@
-"""What integrators of higher order cannot carry."""
+"""What integrators of higher order cannot carry, and explicit ones."""
 
 from __future__ import annotations
 
@@ -20,3 +20,12 @@ def refuse_first_order_features(name: str, model: Model, damping: float, depenet
     for feature, there in features.items():
         if there:
             raise InputError(f"integrator {name!r} does not model {feature}: leave it out or use integrator 'pbd'")
+
+
+def refuse_forces(name: str, model: Model, drag: float) -> None:
+    """Explicit integrators know lengths, springs and points alone; bending would be too stiff for their step."""
+    for feature, there in {"bending": len(model.bending) > 0, "drag": drag > 0.0}.items():
+        if there:
+            raise InputError(
+                f"integrator {name!r} does not model {feature}: leave it out or use 'midpoint4' and Direct"
+            )

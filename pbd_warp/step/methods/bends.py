@@ -1,6 +1,9 @@
-"""Triples that resist bending, laid out for Newton's method (kernels/bending_row.py)."""
+"""Triples that resist bending: laid out for Newton's method (kernels/bending_row.py), and what is known to fail."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -42,3 +45,30 @@ def bind_bends(context: Context, bending: BendingSet, s: Schedule, links: pieces
         setattr(bends, name, context.allocate(f"direct.bend_{name}", size, dtype))
     bends.softest = context.upload("direct.bend_softest", links.softest.numpy(), wp.float64)
     return bends
+
+
+SWEEPS_BEND = {"jacobi": 0.1, "gauss-seidel": 0.3}
+"""How much stiffer than inertia, as a root, bending may be for each sweep of a step before a rod at rest sags by more
+than 1 % of its size: from the map bending, where it is right but at the boundary."""
+
+
+def folds(bending: BendingSet, x: np.ndarray) -> Iterator[tuple[str, float]]:
+    """Links that fold back on each other have no curvature."""
+    folded = bending.folded(x)
+    if folded.size:
+        particle = bending.triple[folded[0], 1]
+        yield f"links fold back, or have no length, at particle {particle}, where bending is singular", 2.0
+
+
+def softened(bending: BendingSet, method: Any, step: float, w: np.ndarray) -> Iterator[tuple[str, float]]:
+    """K sweeps pass a moment on by K triples a step; what is stiffer than they can carry becomes softer."""
+    if method.keeps_forces or not len(bending):
+        return
+    i, j, k = bending.triple.T
+    stiff = step**2 * bending.stiffness / bending.length**2 * (w[i] + 4.0 * w[j] + w[k]) / bending.length
+    worst = int(np.argmax(stiff))
+    text = (
+        f"{method.iterations} iterations in steps of {step:.3g} s are too few for a bending stiffness of "
+        f"{bending.stiffness[worst]:.3g} N m^2"
+    )
+    yield text, float(np.sqrt(max(stiff[worst], 0.0)) / (SWEEPS_BEND[method.name] * method.iterations))

@@ -18,8 +18,9 @@ from pbd_warp.step.constraints.contact import ContactConstraints
 from pbd_warp.step.constraints.distance import LimitedLengths
 from pbd_warp.step.context import Context, Stage
 from pbd_warp.step.methods.bends import bind_bends
-from pbd_warp.step.methods.coupling import Coupling, PairSource, System, Tolerance
+from pbd_warp.step.methods.coupling import ContactSource, Coupling, PairSource, System, Tolerance
 from pbd_warp.step.methods.iteration import check_iterations
+from pbd_warp.step.methods.link_source import LinkSource
 from pbd_warp.step.methods.schedule import Schedule, schedule
 from pbd_warp.step.methods.touches import Touches
 
@@ -126,8 +127,13 @@ class DirectSolver:
             *(self._device_schedule, self._matrix, self._particles, self._links, self._points, touching, bends)
         )
         self._coupling: Coupling | None = None
+        sources: list[ContactSource] = []
         if contacts and contacts.pairs:
-            self._coupling = Coupling(context, [PairSource(context, contacts)], s, self._system)
+            sources.append(PairSource(context, contacts))
+        if contacts and contacts.links:
+            sources.append(LinkSource(context, contacts, contacts.links))
+        if sources:
+            self._coupling = Coupling(context, sources, s, self._system)
         self._base = context.allocate("direct.base", model.particle_count, context.vec3)
         self._force_scale = context.allocate("direct.force_scale", 1, context.real)
         relative = TOLERANCE[model.dtype]

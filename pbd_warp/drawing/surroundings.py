@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from pbd_warp.drawing.solids import drawn_solids
 from pbd_warp.kernels.shapes import PLANE, SPHERE
 from pbd_warp.model.model import Model
 from pbd_warp.usd.surroundings import flattest_axis
 from pbd_warp.usd.writer import loose_edges, shown_widths
-from pbd_warp.view.solids import drawn_solids
 
 ROPE_WIDTH, EDGE_WIDTH = 0.55, 0.35
 """Of links, relative to the particles they join: the particles are seen along them."""
