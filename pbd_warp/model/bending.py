@@ -45,6 +45,10 @@ class BendingSet:
         t1, t2 = directions(x, self.triple)
         return np.asarray(2.0 * np.cross(t1, t2) / (1.0 + np.sum(t1 * t2, axis=1))[:, None])
 
+    def curvature(self, x: np.ndarray) -> np.ndarray:
+        """|kb| / l of every triple [1/m], float64 [bending_count]."""
+        return np.asarray(np.linalg.norm(self.binormal(x), axis=1) / self.length)
+
     def energy(self, x: np.ndarray) -> np.ndarray:
         """E of every triple [J], float64 [bending_count], the tip of the cone rounded (kernels/bending.py)."""
         square = np.sum(self.binormal(x) ** 2, axis=1)
