@@ -22,7 +22,7 @@ MARGIN = 0.25
 """Contacts are watched from this fraction of the sum of radii before touching: lengths that are put right within the
 step move links, and a pair that was not watched could pass."""
 
-WITHOUT_GRID = 150
+WITHOUT_GRID = 300
 """Up to so many links (of a copy) each looks at all others (benchmarks/touching.py)."""
 
 
