@@ -17,6 +17,10 @@ iteration it is a point, d = 0 in three rows, which leaves it along the force th
 SHORT = wp.constant(0.01)
 """Of the mean length of a piece: what counts as much shorter."""
 
+BALANCE = wp.constant(0.2)
+"""Of what a length may be off by: what the balance may be, as a displacement. It adds up from step to step: with 1 a
+pendulum at 960 steps a second loses 8e-12 of its amplitude in a period, with this 3e-13, for 5 % more iterations."""
+
 
 @wp.func
 def link_row(
@@ -95,7 +99,9 @@ def link_step(
     rounding = wp.float64(1.0e-16) * row[1]
     off = weight * (turn * (pulled + turn * pull) + (row[3] + rounding) * far)
     of_length = wp.max(tolerance + relative * L, wp.float64(1.0e-150))
-    of_force = wp.max(of_length + wp.float64(0.01) * relative * (weight * pull), wp.float64(1.0e-150))
+    of_force = wp.max(
+        wp.float64(BALANCE) * of_length + wp.float64(0.01) * relative * (weight * pull), wp.float64(1.0e-150)
+    )
     error = wp.max(long * of_force, off * of_length) / (of_length * of_force)
     return lam + dlam, error, far
 

@@ -143,7 +143,8 @@ def check_keeps_forces(*used: Settings) -> None:
     """Raises an InputError where tensions are not known with one of the settings."""
     for settings in used:
         if not settings.method.keeps_forces:
-            raise InputError(f"tension is known with method 'direct', not with {settings.method.name!r}")
+            what = f"tension is known with method 'direct', not with {settings.method.name!r}"
+            raise InputError(what, remedy="use method='direct'")
 
 
 def tell_cost(model: Model, settings: Settings, hooks: Hooks) -> None:

@@ -13,7 +13,7 @@ import signal
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -182,19 +182,21 @@ def open_pool(workers: int | None = None, scheduler: str | None = None) -> Itera
     # A task that kills a worker is heard of at once, and no other task waits at that worker.
     own = {"distributed.scheduler.allowed-failures": 0, "distributed.scheduler.worker-saturation": 1.0}
     if scheduler is None:
-        with (
-            dask.config.set(own),
-            distributed.LocalCluster(
+        with dask.config.set(own):
+            cluster = distributed.LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
                 processes=True,
                 dashboard_address=":0" if _has_bokeh() else None,
                 silence_logs=logging.CRITICAL,
-            ) as cluster,
-            distributed.Client(cluster) as client,
-        ):
-            client.register_plugin(_at_start(own_cores() if count <= cores() else None))
-            yield DaskPool(client, 0, lambda: cluster.scale(count))
+            )
+            try:
+                with distributed.Client(cluster) as client:
+                    client.register_plugin(_at_start(own_cores() if count <= cores() else None))
+                    yield DaskPool(client, 0, lambda: cluster.scale(count))
+            finally:
+                with suppress(Exception):  # of a worker that is just being replaced; the work is done, or has failed
+                    cluster.close()
         return
     try:
         client = distributed.Client(scheduler, timeout=PATIENCE / 3.0)

@@ -8,7 +8,6 @@ from models import state
 from scipy.special import eval_laguerre
 
 import pbd_warp as pbd
-from pbd_warp.step.methods.direct import ACCEPTED
 
 # The pendulum's period and amplitude.
 
@@ -62,8 +61,7 @@ def test_period_and_amplitude_of_the_pendulum(integrator, period_slope, amplitud
     else:
         assert np.polyfit(step, np.log(period), 1)[0] == pytest.approx(period_slope, abs=0.15)
     if amplitude_slope is None:
-        # What Direct leaves of a step's balance at most, summed over a whole period; measured: 8e-12 and 1e-12.
-        assert max(amplitude) < ACCEPTED["float64"]
+        assert max(amplitude) < 1e-12
     else:
         assert np.polyfit(step, np.log(amplitude), 1)[0] == pytest.approx(
             amplitude_slope, abs=0.6 if integrator == "bdf2" else 0.15
