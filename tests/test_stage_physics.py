@@ -143,3 +143,46 @@ def test_gravity_that_changes_is_refused(tmp_path):
     stage.Save()
     with pytest.raises(pbd.InputError, match=r"^/World/P: physics:gravityMagnitude changes with time"):
         load_stage(tmp_path / "a.usda")
+
+
+def resisting(path, width=0.02, material=None, **attributes):
+    """The model of a bent curve whose prim has these attributes."""
+    stage = new_stage(path)
+    points = [(0.2 * k, 0.02 * k * k, 0.0) for k in range(6)]
+    prim = add_curves(stage, "/World/C", points, width=width)
+    prim = stage.GetPrimAtPath("/World/C")
+    for name, value in attributes.items():
+        kind = Sdf.ValueTypeNames.String if isinstance(value, str) else Sdf.ValueTypeNames.Double
+        prim.CreateAttribute(f"pbd:{name}", kind).Set(value)
+    stage.GetRootLayer().Save()
+    return load_stage(path, material=material).scene.builder.finalize(dtype="float64")
+
+
+def test_resistance_to_bending(tmp_path):
+    """E pi d^4 / 64 and l / (E A), B itself, and the shape at rest; the command line goes before the prim."""
+    free = resisting(tmp_path / "a.usda")
+    assert len(free.bending) == 0
+    model = resisting(tmp_path / "b.usda", youngsModulus=1e7, restShape="as_built")
+    np.testing.assert_array_equal(model.bending.triple, [(k, k + 1, k + 2) for k in range(4)])
+    np.testing.assert_allclose(model.bending.stiffness, 1e7 * np.pi * 0.02**4 / 64.0)
+    np.testing.assert_allclose(model.distance.compliance, model.distance.rest_length / (1e7 * np.pi * 1e-4), rtol=1e-6)
+    np.testing.assert_allclose(model.bending.energy(model.x), 0.0, atol=1e-9)
+    straight = resisting(tmp_path / "c.usda", bending=0.3)
+    np.testing.assert_array_equal(straight.bending.stiffness, 0.3)
+    assert np.all(straight.bending.energy(straight.x) > 1e-4)
+    given = resisting(tmp_path / "d.usda", material=Material(youngs_modulus=1e6), bending=0.3)
+    np.testing.assert_allclose(given.bending.stiffness, 1e6 * np.pi * 0.02**4 / 64.0)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        ({"youngsModulus": -1.0}, "youngs_modulus must be"),
+        ({"bending": -1.0}, "bending must be"),
+        ({"bending": 1.0, "youngsModulus": 1.0}, "give one of the two"),
+        ({"restShape": "curly"}, "unknown rest_shape"),
+    ],
+)
+def test_bad_stiffness_is_one_sentence(tmp_path, attributes, message):
+    with pytest.raises(pbd.InputError, match=message):
+        resisting(tmp_path / "a.usda", **attributes)

@@ -157,7 +157,7 @@ def test_run_takes_its_settings_from_the_chart_that_comes_along(call):
     assert re.match(r"--accuracy 0.001: --(method|integrator) .* on the chart\)", out)
 
 
-STUDIED = {made.scene for made in MAPS.values()} | {"loop"}  # a panel of the map "loops", beside nets
+STUDIED = {made.scene for made in MAPS.values()} | {"loop", "knot"}  # a panel of "loops"; known answers: test_knots.py
 
 
 def test_every_scene_comes_with_a_chart_or_a_map():

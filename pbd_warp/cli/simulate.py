@@ -48,6 +48,9 @@ def simulate_stage(
     density: Annotated[float | None, typer.Option(help="kg/m^3, widths being diameters. [1000]")] = None,
     mass: Annotated[float | None, typer.Option(help="kg a curve, instead of a density.")] = None,
     compliance: Annotated[float | None, typer.Option(help="Of each link [m/N]. [0]")] = None,
+    youngs_modulus: Annotated[
+        float | None, typer.Option(help="Of ropes that resist bending [Pa], widths being diameters.")
+    ] = None,
     gravity: Annotated[
         float | None, typer.Option(help="Against the up axis [m/s^2]; the stage's physics scene's unless given. [9.81]")
     ] = None,
@@ -71,7 +74,7 @@ def simulate_stage(
     with one_sentence(debug):
         outputs = written(check_path(out), checkpoint, stats)
         check_apart({"the stage": [stage]}, outputs)
-        chosen = Material(pin, density, mass, compliance)
+        chosen = Material(pin, density, mass, compliance, youngs_modulus)
         clock = Stopwatch()
         with progress_bar(stage.stem) as advance, interruptible() as stop_if_asked:
 

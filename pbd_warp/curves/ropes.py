@@ -23,9 +23,21 @@ def add_ropes(
         x, edges = each.x - origin, each.sampling.edges
         length = seen_lengths(x, edges, device, dtype)
         added = builder.add_particles(x, mass=_masses(each, edges, length), radius=0.5 * each.width)
-        builder.add_distances(
-            (edges + added.start).astype(np.int32), length, compliance=each.material.compliance or 0.0
-        )
+        joined = (edges + added.start).astype(np.int32)
+        area = np.pi / 4.0 * np.mean(each.width[edges] ** 2, axis=1)
+        compliance = np.full(len(edges), each.material.compliance or 0.0)
+        modulus = each.material.youngs_modulus
+        if modulus is not None and not each.material.compliance:
+            compliance = length / (modulus * area)
+        builder.add_distances(joined, length, compliance=compliance)
+        if modulus is not None or each.material.bending is not None:
+            follows = np.flatnonzero(edges[:-1, 1] == edges[1:, 0])
+            triples = np.concatenate([joined[follows], joined[follows + 1, 1:]], axis=1)
+            middle = edges[follows, 1]
+            stiffness = np.full(len(follows), each.material.bending)
+            if modulus is not None:
+                stiffness = modulus * np.pi * each.width[middle] ** 4 / 64.0
+            builder.add_bendings(triples, stiffness, each.material.rest_shape or "straight")
 
 
 def leave_what_has_no_length(
