@@ -16,7 +16,7 @@ ROUND = 4.4  # s, once along the eight
 def scene() -> pbd.Scene:
     builder = pbd.ModelBuilder(gravity=(0, 0, 0))
     x = np.linspace(0.0, -LENGTH, LINKS + 1)
-    worm = builder.add_rope(np.stack([x, 0 * x, 0 * x], axis=1), mass=0.25, pinned=(), radius=0.012)
+    worm = builder.add_rope(np.stack([x, 0 * x, 0 * x], axis=1), mass=[0.25 / len(x)] * len(x), pinned=(), radius=0.012)
 
     # A figure of eight (a Lissajous curve), taken up and ended gently.
     time = np.linspace(0.0, ROUND, 151)
