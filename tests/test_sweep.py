@@ -158,7 +158,7 @@ def test_run_takes_its_settings_from_the_chart_that_comes_along(call):
 
 
 STUDIED = {made.scene for made in MAPS.values()} | {"loop"} | {"knot", "pile", "links", "cable", "column", "groom"}
-"""With a map, or a panel of one; the others by their known answers: test_knots.py, test_touching.py, test_bending.py."""
+"""With a map, or a panel of one; the others by known answers: test_knots.py, test_touching.py, test_bending.py."""
 
 
 def test_every_scene_comes_with_a_chart_or_a_map():
