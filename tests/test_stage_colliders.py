@@ -107,6 +107,22 @@ def test_all_that_collides_in_physics(tmp_path):
     assert [each.path for each in load_stage(tmp_path / "a.usda", collide=["physics"]).colliders] == ["/World/Set/A"]
 
 
+def test_a_mesh_is_taken_as_its_points_are(tmp_path):
+    """Neither smoothed, as a renderer would, nor replaced by what a physics engine would put in its place."""
+    stage = new_stage(tmp_path / "a.usda")
+    add_curves(stage, "/World/C", line(3, (0, 5, 0), (1, 5, 0)))
+    points, triangles = cuboid((1.0, 2.0, 3.0))
+    mesh = define_mesh(stage, "/World/M", points, triangles)
+    mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.catmullClark)
+    approximation = UsdPhysics.MeshCollisionAPI.Apply(mesh.GetPrim()).CreateApproximationAttr()
+    approximation.Set(UsdPhysics.Tokens.boundingSphere)
+    stage.Save()
+    model = load_stage(tmp_path / "a.usda", collide=["/World/M"]).scene.builder.finalize(dtype="float64")
+    found, faces = boundary(model, 0, np.zeros(3))
+    assert len(faces) == len(triangles)
+    np.testing.assert_allclose(np.ptp(found, axis=0), np.ptp(points, axis=0), rtol=1e-6)
+
+
 def test_a_group_with_curves_in_it_means_its_solids(tmp_path):
     stage = new_stage(tmp_path / "a.usda")
     add_curves(stage, "/World/C", line(3, (0, 5, 0), (1, 5, 0)))

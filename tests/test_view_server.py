@@ -306,7 +306,7 @@ def test_what_was_kept_and_what_was_done_can_be_saved(tmp_path):
         stage = Usd.Stage.Open(str(tmp_path / name))
         points = UsdGeom.Points.Get(stage, "/World/Particles").GetPointsAttr()
         assert points.GetTimeSamples() == list(range(len(states)))
-        for frame, (x, _, _) in enumerate(states):
+        for frame, (x, *_) in enumerate(states):
             np.testing.assert_array_equal(np.array(points.Get(frame)), x)
     recording = Recording.load(tmp_path / "drags.json", "rope")
     assert recording.frames > 10
