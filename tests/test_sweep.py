@@ -10,7 +10,7 @@ import pytest
 
 import pbd_warp as pbd
 from pbd_warp.accuracy.chart import load
-from pbd_warp.accuracy.sweep import Sweep, charts_folder, sweep_scene
+from pbd_warp.accuracy.sweep import Sweep, _projections, charts_folder, sweep_scene
 from pbd_warp.cli import main
 from pbd_warp.stability.maps import MAPS
 
@@ -171,3 +171,9 @@ def test_charts_are_of_their_scene_and_those_that_are_shown(name):
     installed = charts_folder() / f"{name}.csv"
     assert {row.scene for row in load(installed).rows} == {name}
     assert (Path(__file__).parent.parent / "docs" / "charts" / f"{name}.svg").is_file()
+
+
+def test_direct_is_measured_where_there_are_only_contacts():
+    scene = pbd.load_scene("collision").changed(method=pbd.Direct())
+    sim = pbd.Simulation(scene.builder, scene.settings)
+    assert _projections(sim, 70) > 0.0

@@ -268,12 +268,16 @@ def _projections(sim: Simulation, iterations: int) -> float:
     """Constraints evaluated, counting one a particle where there are only contacts; of an explicit integrator, each
     solution of the linear equations counts as one of all of them.
 
-    Direct counts the iterations of every path, so its constraints are shared out among the paths.
+    Direct counts the iterations of every piece, so its constraints are shared out among the pieces; particles alone are
+    such where there are only contacts.
     """
     model = sim.model
     count = model.constraint_count or model.particle_count
-    paths = len(np.unique(model.component[model.distance.edge[:, 0]])) if isinstance(sim.settings.method, Direct) else 1
-    return iterations * count / paths
+    pieces = 1
+    if isinstance(sim.settings.method, Direct):
+        joined = model.component[model.distance.edge[:, 0]] if len(model.distance) else model.component
+        pieces = len(np.unique(joined))
+    return iterations * count / pieces
 
 
 def _processor() -> str:
