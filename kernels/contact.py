@@ -41,7 +41,8 @@ def sweep_midpoints(
 
 @wp.func
 def joined(start: wp.array[wp.int32], neighbour: wp.array[wp.int32], i: wp.int32, j: wp.int32):
-    """Whether a distance constraint joins i and j (such a pair keeps its own distance)."""
+    """Whether j is a neighbour of i, and such a pair need not be kept apart: particles that a distance joins, which
+    keeps it, or links near each other along a rope."""
     if start:
         for k in range(start[i], start[i + 1]):
             if neighbour[k] == j:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from pbd_warp.kernels.capsule import meet
-from pbd_warp.kernels.contact import limit_overlap
+from pbd_warp.kernels.contact import joined, limit_overlap
 from pbd_warp.kernels.link_sides import keep_side
 from pbd_warp.kernels.precision import Real, Vec3, Vec4, func, kernel
 
@@ -40,15 +40,6 @@ def sweep_links(
     extent[e] = thick + wp.max(far, wp.max(wp.length(x[i] + u[i] - m), wp.length(x[j] + u[j] - m)))
 
 
-@wp.func
-def left_out(start: wp.array[wp.int32], neighbour: wp.array[wp.int32], a: wp.int32, b: wp.int32):
-    """Whether b is one of those that lie too near a along the rope to be kept off it."""
-    for k in range(start[a], start[a + 1]):
-        if neighbour[k] == b:
-            return True
-    return False
-
-
 @func
 def check_links(
     a: wp.int32,
@@ -78,7 +69,7 @@ def check_links(
     valence: wp.array[wp.int32],
 ):
     """Notes two links, a < b, as a contact where they come close; arguments as below."""
-    if left_out(neighbour_start, neighbour, a, b):
+    if joined(neighbour_start, neighbour, a, b):
         return
     i = link[a][0]
     j = link[a][1]

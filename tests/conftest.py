@@ -1,12 +1,15 @@
 """What all tests share. Hypothesis draws the same examples every time."""
 
 import os
+import sys
 
 import numpy as np
 import pytest
 import warp as wp
 from browser import ARGUMENTS, CHROMIUM, Page
 from hypothesis import HealthCheck, settings
+
+from pbd_warp.cli import main
 
 settings.register_profile(
     "same", derandomize=True, deadline=None, max_examples=30, suppress_health_check=list(HealthCheck)
@@ -25,6 +28,20 @@ def pytest_addoption(parser):
 @pytest.fixture
 def rng():
     return np.random.default_rng(7)
+
+
+@pytest.fixture
+def call(monkeypatch, tmp_path, capsys):
+    """Run the command line in an empty folder; gives exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*args):
+        monkeypatch.setattr(sys, "argv", ["pbd-warp", *map(str, args)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return stop.value.code, *capsys.readouterr()
+
+    return run
 
 
 WINDOW = {"width": 900, "height": 560}

@@ -1,7 +1,6 @@
 """`run --accuracy` without a chart: the steps that keep what was asked, whatever the motion makes of errors."""
 
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from models import state
 import pbd_warp as pbd
 from pbd_warp.accuracy import references
 from pbd_warp.accuracy.agreement import agree
-from pbd_warp.cli import main
 from pbd_warp.errors import InputError
 
 
@@ -94,15 +92,12 @@ def test_what_rounding_leaves_is_told():
 
 
 @pytest.fixture
-def call(monkeypatch, tmp_path, capsys):
-    """Run the command line in an empty folder; gives exit code, stdout, stderr in one line each."""
-    monkeypatch.chdir(tmp_path)
+def call(call):
+    """With stdout and stderr in one line each."""
 
     def run(*args):
-        monkeypatch.setattr(sys, "argv", ["pbd-warp", *map(str, args)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return stop.value.code, *(" ".join(text.split()) for text in capsys.readouterr())
+        code, *texts = call(*args)
+        return code, *(" ".join(text.split()) for text in texts)
 
     return run
 

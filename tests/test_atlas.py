@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import pbd_warp as pbd
-from pbd_warp.cli import main
 from pbd_warp.preflight import REMEDIES
 from pbd_warp.stability import theory
 from pbd_warp.stability.atlas import COLUMNS, Measured, load, measure_cell, measure_map, save
@@ -341,17 +340,10 @@ def test_the_boundary_is_drawn_where_it_is():
 
 
 @pytest.fixture
-def call(monkeypatch, tmp_path, capsys):
-    monkeypatch.chdir(tmp_path)
+def call(call, monkeypatch):
+    """The command `stability`, which also knows a small map."""
     monkeypatch.setitem(MAPS, "small", SMALL)
-
-    def run(*args):
-        monkeypatch.setattr(sys, "argv", ["pbd-warp", "stability", *args, "--workers", "1"])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return stop.value.code, *capsys.readouterr()
-
-    return run
+    return lambda *args: call("stability", *args, "--workers", "1")
 
 
 def test_command(call, tmp_path):

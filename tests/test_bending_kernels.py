@@ -7,6 +7,7 @@ from bending_energy import energy, slopes
 
 from pbd_warp.kernels import bending
 from pbd_warp.kernels.bending_row import exact_derivatives, mean_derivatives
+from pbd_warp.model.bending import FOLDED, ROUNDED
 
 turning, discrete_gradient = bending.turning[wp.float64], bending.discrete_gradient[wp.float64]
 LENGTH = 1.0
@@ -175,3 +176,9 @@ def test_what_is_singular_is_finite(rest):
     for f in (e, straight, e[::-1]):
         for result in (*run(f, e, rest)[:5], *run(f, e, rest)[5]):
             assert np.isfinite(result).all()
+
+
+def test_the_host_s_energy_is_rounded_where_the_kernels_is():
+    """Data does not import kernels, so both say it."""
+    assert float(bending.FOLD) == FOLDED
+    assert float(bending.ROUNDED) == ROUNDED

@@ -13,7 +13,6 @@ import pytest
 import pbd_warp as pbd
 from pbd_warp import workers
 from pbd_warp.accuracy.sweep import Sweep, sweep_scene
-from pbd_warp.cli import main
 from pbd_warp.cores import cores
 from pbd_warp.stability.atlas import measure_map
 from pbd_warp.stability.maps import MAPS
@@ -53,19 +52,6 @@ def own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("own.py").write_text(OWN)
     return "own.py"
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """Run the command line; gives exit code, stdout, stderr."""
-
-    def run(*args):
-        monkeypatch.setattr(sys, "argv", ["pbd-warp", *map(str, args)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        return stop.value.code, *capsys.readouterr()
-
-    return run
 
 
 def address(pool):

@@ -2,7 +2,6 @@
 
 import csv
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,23 +10,7 @@ import pytest
 import pbd_warp as pbd
 from pbd_warp.accuracy.chart import load
 from pbd_warp.accuracy.sweep import Sweep, _projections, charts_folder, sweep_scene
-from pbd_warp.cli import main
 from pbd_warp.stability.maps import MAPS
-
-
-@pytest.fixture
-def call(monkeypatch, tmp_path, capsys):
-    """Run the command line in an empty folder; gives exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*args):
-        monkeypatch.setattr(sys, "argv", ["pbd-warp", *map(str, args)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = capsys.readouterr()
-        return stop.value.code, out, err
-
-    return run
 
 
 @pytest.fixture(scope="module")
