@@ -76,9 +76,10 @@ def test_bad_usage(args, message, tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.skipif(not hasattr(resource, "prlimit"), reason="limits of Linux")
-def test_without_file_descriptors_the_log_stays_small_and_pages_come_back(tmp_path):
+@pytest.mark.parametrize("stopped", ["later", "amid"])
+def test_without_file_descriptors_the_log_stays_small_and_pages_come_back(tmp_path, stopped):
     """Connections beyond the limit for some seconds: one line, and the page that is open goes on; when they are gone,
-    pages are let in as before."""
+    pages are let in as before. Ctrl-C then, or while asyncio waits to listen again, says no more."""
     process = subprocess.Popen(
         command("view", "worm", "--no-open"), cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
@@ -100,6 +101,11 @@ def test_without_file_descriptors_the_log_stays_small_and_pages_come_back(tmp_pa
                 await asyncio.sleep(3.5)  # asyncio tries again every second
                 frame = client.frame
                 await client.until(lambda: client.frame > frame + 10)
+                if stopped == "amid":
+                    process.send_signal(signal.SIGINT)
+                    listening.cancel()
+                    await asyncio.sleep(2.0)
+                    return
                 for connection in crowd:
                     connection.close()
                 await asyncio.sleep(1.0)
@@ -108,7 +114,8 @@ def test_without_file_descriptors_the_log_stays_small_and_pages_come_back(tmp_pa
                 assert b"<title>pbd-warp</title>" in await answer.read()
 
     asyncio.run(crowd())
-    process.send_signal(signal.SIGINT)
+    if stopped == "later":
+        process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=30)
     said = [text for text in errors.splitlines() if "a page could not be let in: Too many open files" in text]
     assert len(said) == 1, errors
@@ -127,6 +134,19 @@ def test_a_shortage_is_told_once_a_minute_and_everything_else_as_ever(capsys):
     other = {"exception": OSError(errno.EPIPE, "gone")}
     handle(loop, other)
     assert others == [other]
+
+
+def test_a_closed_socket_is_told_but_right_after_a_shortage(capsys):
+    now = iter([0.0, 0.0, 1.0, 1.0, 100.0])
+    handle = Shortage(lambda: next(now))
+    others = []
+    loop = types.SimpleNamespace(default_exception_handler=others.append)
+    closed = {"exception": ValueError("Invalid file descriptor: -1")}
+    handle(loop, closed)
+    handle(loop, {"exception": OSError(errno.EMFILE, "Too many open files")})
+    handle(loop, closed)
+    handle(loop, closed)
+    assert others == [closed, closed]
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals of POSIX")

@@ -11,6 +11,7 @@ from typing import Any
 
 SHORT = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 SAID_EVERY = 60.0  # s
+RETRIED_WITHIN = 10.0  # s: asyncio waits one, on a machine that has time
 
 
 class Shortage:
@@ -20,13 +21,17 @@ class Shortage:
     def __init__(self, clock: Callable[[], float] = time.monotonic):
         self._clock = clock
         self._next = clock()
+        self._tries_again = -float("inf")  # until then asyncio may listen again, at a socket that is closed by now too
 
     def __call__(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         error = context.get("exception")
+        if isinstance(error, ValueError) and "descriptor: -1" in str(error) and self._clock() < self._tries_again:
+            return
         if not isinstance(error, OSError) or error.errno not in SHORT:
             loop.default_exception_handler(context)
             return
         now = self._clock()
+        self._tries_again = now + RETRIED_WITHIN
         if now < self._next:
             return
         self._next = now + SAID_EVERY
