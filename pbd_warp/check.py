@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import tempfile
 from pathlib import Path
@@ -13,14 +14,23 @@ from pbd_warp.errors import InputError
 
 
 def number(name: str, value: Any, *, low: float = -math.inf, high: float = math.inf, above: float = -math.inf) -> float:
-    """A finite float within [low, high] and > above."""
+    """A finite float within [low, high] and > above; text is none, whatever it says."""
     try:
+        if isinstance(value, (str, bytes)):
+            raise TypeError
         result = float(value)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be a number, not {value!r}") from None
     if not math.isfinite(result) or not low <= result <= high or result <= above:
         raise InputError(f"{name} must be {_range(low, high, above)}, not {result:g}")
     return result
+
+
+def ordinary(path: Path) -> Path:
+    """The path of a file to read. Raises an OSError for a device or a pipe, which may never end."""
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise OSError(errno.EINVAL, "it is not an ordinary file")
+    return path
 
 
 def whole(name: str, value: Any, *, low: int, high: int | None = None) -> int:

@@ -27,7 +27,8 @@ class Forces:
         [particle_count, 3]; 0 for the others. Weight does not count on fixed particles, which have no mass.
     moment: Of a clamp, two held particles next to each other at an end of a triple that resists bending, about the
         middle between them, on the rope [N m], float64 [bending_count, 3]; 0 for triples that no clamp holds.
-    contact: Of colliders on each particle, friction included [N], float64 [particle_count, 3].
+    contact: Of colliders and of other particles and links on each particle, friction included [N], float64
+        [particle_count, 3].
     """
 
     tension: np.ndarray

@@ -8,6 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from pbd_warp import check
 from pbd_warp.atomic import replacing
 from pbd_warp.errors import InputError
 
@@ -66,7 +67,7 @@ def load_table(what: str, row_type: Any, path: str | Path) -> tuple[tuple[Any, .
         InputError: the file cannot be read, or is no such table; with the file, the line and what is wrong there.
     """
     try:
-        with open(path, newline="", encoding="utf-8") as file:
+        with open(check.ordinary(Path(path)), newline="", encoding="utf-8") as file:
             lines = list(file)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not text in UTF-8"

@@ -160,3 +160,11 @@ def test_direct_is_measured_where_there_are_only_contacts():
     scene = pbd.load_scene("collision").changed(method=pbd.Direct())
     sim = pbd.Simulation(scene.builder, scene.settings)
     assert _projections(sim, 70) > 0.0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_a_device_is_no_chart(call):
+    """It may never end."""
+    code, _, err = call("chart", "--from-csv", "/dev/full")
+    assert code == 2
+    assert "cannot read the chart /dev/full: it is not an ordinary file" in err

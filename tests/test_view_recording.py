@@ -228,6 +228,9 @@ def test_a_recording_that_cannot_be_written_leaves_the_old_one(tmp_path, monkeyp
         (lambda d: d["settings"]["method"].update(speed=3), "does not take"),
         (lambda d: d["settings"].update(method=3), "unknown method"),
         (lambda d: d["settings"].update(gravity=[1, 2]), "gravity"),
+        (lambda d: d["settings"]["limits"].update(stretch="1e9"), "limit of stretch must be a number, not '1e9'"),
+        (lambda d: d["settings"]["method"].update(tolerance="1"), "tolerance must be a number, not '1'"),
+        (lambda d: d["settings"].update(dt="0.01"), "dt must be a number"),
         (lambda d: d["settings"].update(grab_acceleration=-1), "grab_acceleration must be"),
         (lambda d: d.update(model=3), "model must be a table"),
         (lambda d: d.update(ropes=3), "ropes must be a list"),
@@ -242,6 +245,13 @@ def test_a_spoiled_recording_is_refused(spoil, message, tmp_path):
     path.write_text(json.dumps(data))
     with pytest.raises(pbd.InputError, match=message):
         Recording.load(path)
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="a device of Linux")
+def test_a_device_is_no_recording():
+    """It may never end."""
+    with pytest.raises(pbd.InputError, match=r"is no recording of drags: .*not an ordinary file"):
+        Recording.load(Path("/dev/zero"))
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "3", "[" * 100_000, "\x00"])

@@ -7,19 +7,21 @@ adds; what then lies between both is how far the first is off, but for about a t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
+from pbd_warp.accuracy.chart import Row, within
 from pbd_warp.errors import InputError, SimulationFailed
 from pbd_warp.grab.controller import play
 from pbd_warp.grab.drag import Drag
 from pbd_warp.model.model import Model
-from pbd_warp.preflight import ROUNDED
+from pbd_warp.preflight import ROUNDED, preflight
 from pbd_warp.scene import Scene
 from pbd_warp.settings import Settings
 from pbd_warp.simulation import Simulation
+from pbd_warp.snapshot import Snapshot
 
 SECONDS = 1.0
 """For which an accuracy is promised, as charts have it; a motion that is chaotic leaves any sooner or later."""
@@ -95,6 +97,17 @@ def agree(scene: Scene, accuracy: float, device: str | None = None) -> Agreement
         f"no steps bring scene {scene.name} within {accuracy:g} m: of rounding, its motion makes {before[1]:.2g} m in "
         f"{first / scene.fps:.3g} s"
     )
+
+
+def charted(scene: Scene, rows: Iterable[Row], accuracy: float) -> Row | None:
+    """The fastest settings on a scene's chart within an accuracy [m], of those that are not known to fail: a chart has
+    measured one second, and what comes later may be harder. None: there are none."""
+    model = scene.builder.finalize(dtype="float64")
+    for row in within(rows, accuracy):
+        begin = Snapshot(model, row.apply(scene.settings), model.x, model.v, model.w, model.point.target)
+        if all(warning.severity <= 1.0 for warning in preflight(begin)):
+            return row
+    return None
 
 
 class _Pair:

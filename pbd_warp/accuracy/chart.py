@@ -133,9 +133,16 @@ def front(rows: Iterable[Row], cost: str = "wall_ms_per_sim_second") -> list[Row
     return best
 
 
+def within(rows: Iterable[Row], error: float) -> list[Row]:
+    """Rows that did not diverge and whose position_error is at most `error` [m], ascending in wall time."""
+    able = [row for row in rows if not failed(row) and row.position_error <= error]
+    timed = [row for row in able if math.isfinite(row.wall_ms_per_sim_second)]
+    return sorted(timed, key=lambda row: (row.wall_ms_per_sim_second, row.position_error))
+
+
 def pick(rows: Iterable[Row], error: float) -> Row | None:
-    """The row of least wall time that did not diverge and whose position_error is at most `error` [m]."""
-    return next((row for row in front(rows) if row.position_error <= error), None)
+    """The first of those `within` the error."""
+    return next(iter(within(rows, error)), None)
 
 
 def best_error(rows: Iterable[Row]) -> float:

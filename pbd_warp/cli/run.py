@@ -10,9 +10,8 @@ from typing import Annotated, Any
 import typer
 
 from pbd_warp import check
-from pbd_warp.accuracy.agreement import Agreement, agree
+from pbd_warp.accuracy.agreement import Agreement, agree, charted
 from pbd_warp.accuracy.chart import CONFIGURATION, Row, best_error, flags, load
-from pbd_warp.accuracy.chart import pick as pick_row
 from pbd_warp.accuracy.sweep import charts_folder
 from pbd_warp.cli.app import command
 from pbd_warp.cli.options import (
@@ -62,7 +61,10 @@ def run_scene(
     set_: Set = None,
     accuracy: Annotated[
         float | None,
-        typer.Option(help="Settings within this error [m] after a second: its chart's fastest, or found by trying."),
+        typer.Option(
+            help="Settings within this error [m] after a second: the fastest on its chart that are not known to fail, or "
+            "found by trying."
+        ),
     ] = None,
     checkpoint: Checkpoint = None,
     every: Every = Checkpoints.every,
@@ -82,14 +84,15 @@ def run_scene(
             if changes.keys() & set(CONFIGURATION) or dtype is not None:
                 raise InputError(f"--accuracy chooses {', '.join(CONFIGURATION)}: leave those out")
             accuracy = check.number("--accuracy", accuracy, above=0.0)
-            charted = charts_folder() / f"{built.name}.csv"
-            as_charted = not (changes or set_ or scene_file(scene)) and charted.is_file()
-            row = pick_row(load(charted).rows, accuracy) if as_charted else None
+            chart = charts_folder() / f"{built.name}.csv"
+            as_charted = not (changes or set_ or scene_file(scene)) and chart.is_file()
+            rows = load(chart).rows if as_charted else ()
+            row = charted(built, rows, accuracy)
             if row is not None:
                 built, dtype = built.changed(settings=row.apply(built.settings)), row.dtype
                 tell(f"--accuracy {accuracy:g}: {flags(row)} (error {row.position_error:.2g} m on the chart)")
             else:
-                found = _agree(built, accuracy, device, load(charted).rows if as_charted else ())
+                found = _agree(built, accuracy, device, rows)
                 built, dtype = built.changed(settings=found.settings), "float64"
         recording = None
         if drags is not None:
@@ -125,7 +128,9 @@ def _agree(scene: Scene, accuracy: float, device: str | None, rows: Sequence[Row
     try:
         found = agree(scene, accuracy, device)
     except InputError as error:
-        if rows:
+        if rows and best_error(rows) <= accuracy:
+            chart = f"what the chart of scene {scene.name} has within {accuracy:g} m is known to fail later"
+        elif rows:
             chart = f"no settings on the chart of scene {scene.name} are within {accuracy:g} m, best: "
             chart += f"{best_error(rows):.2g} m"
         else:

@@ -100,7 +100,7 @@ class Recording:
             InputError: no such file, or anything in it that `save` would not have written.
         """
         try:
-            data = json.loads(path.read_text())
+            data = json.loads(check.ordinary(path).read_text())
         except (OSError, ValueError, RecursionError) as error:
             raise InputError(f"{path} is no recording of drags: {error}") from None
         names = [field.name for field in fields(cls)]

@@ -104,19 +104,8 @@ class LinkContacts:
             launch(
                 find_close_link_contacts,
                 links,
-                *(
-                    *how,
-                    *self._left_out,
-                    self._last,
-                    x,
-                    w,
-                    u,
-                    *before,
-                    self._middle,
-                    self._half_box,
-                    *self.found,
-                    valence,
-                ),
+                *(*how, *self._left_out, self._last, x, w, u, *before),
+                *(self._middle, self._half_box, *self.found, valence),
             )
         else:
             launch.build_grid(self.grid, self._middle, self._cell_width)
