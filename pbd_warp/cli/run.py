@@ -62,8 +62,8 @@ def run_scene(
     accuracy: Annotated[
         float | None,
         typer.Option(
-            help="Settings within this error [m] after a second: the fastest on its chart that are not known to fail, or "
-            "found by trying."
+            help="Settings within this error [m] after a second: the fastest on its chart that are not known to fail, "
+            "or found by trying."
         ),
     ] = None,
     checkpoint: Checkpoint = None,
