@@ -63,6 +63,8 @@ def main() -> int:
             "drags": ("recordings of drags", mutated(inputs.check_drags, 500)),
             "threads": ("simulations in 8 threads", threaded),
         }
+        if unknown := set(options.parts) - set(parts):
+            parser.error(f"no such part: {', '.join(sorted(unknown))}; there are {', '.join(parts)}")
         for name in options.parts or parts:
             what, run = parts[name]
             begin = time.monotonic()
